@@ -32,7 +32,7 @@ from bench.fleet import jobs
 from bench.fleet.fleet import local
 from bench.processes.engine import Workers
 from bench.report.console import console, print_result, progress_bar
-from piezo_model import checks, deployment, recordings
+from piezo_model import Recording, checks, deployment, recordings
 from piezo_model.identification.dynamics import DynamicsChoice
 from piezo_model.identification.fit_review import review
 from piezo_model.identification.identify import Estimator, LagChoice
@@ -115,7 +115,7 @@ def identify_verb(
     files = files_of(file, reading)
     check_writable(out, others=files)
     check_writable(page, "--page", [*files, out])
-    opened = job.opened(file)
+    opened = Recording.open(file, **job.opening)
     if not as_json:
         console.print(opened.describe())
     with progress_bar() as progress:

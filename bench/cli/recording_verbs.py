@@ -10,7 +10,7 @@ import typer
 from bench.cli.options import AsJson, check_writable, positive, reads_a_recording, recording_of, require
 from bench.report.console import console, print_json, print_result, print_table
 from piezo_model import checks, signals
-from piezo_model.recordings import Recording, RecordingError, evidence, joining, opening, write_table
+from piezo_model.recordings import Recording, RecordingError, joining, opening, write_table
 from piezo_model.recordings.options import ReadOptions
 from piezo_model.recordings.table import Table
 from piezo_model.units import quantity, shown
@@ -131,8 +131,7 @@ def _columns(table: Table, opened: Recording | None) -> list[dict[str, object]]:
     spans = {} if opened is None else {"input": opened.x_range, "output": opened.y_range}
     if opened is None:
         try:
-            found = evidence.profiles(
-                table,
+            found = table.profiles(
                 [
                     k
                     for k, column in enumerate(table.columns)

@@ -12,7 +12,6 @@ import numpy as np
 from bench.messages.task import Progress, silent
 from piezo_model import Compensator, HysteresisCreepModel, Recording, checks, identify, recordings
 from piezo_model.deployment import open_model
-from piezo_model.identification import direction
 from piezo_model.identification.dynamics import DynamicsChoice
 from piezo_model.identification.identify import Estimator, LagChoice
 from piezo_model.identification.validation import Validation
@@ -52,7 +51,7 @@ class Identifying(Job):
 
     def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, Any]:
         """Write the model; return figures of the fit, and the weights in normalised units."""
-        model = self.of(self.opened(recording))
+        model = self.of(Recording.open(recording, **self.opening))
         model.save(target)
         s, fit = model.structure, model.report["fit"]
         figures = {
@@ -68,11 +67,6 @@ class Identifying(Job):
             "m": s.dead_zones // 2,
             **{name: float(value) for name, value in zip(s.weight_names, model.weights, strict=True)},
         }
-
-    def opened(self, recording: Path | None) -> Recording:
-        """Open the recording, without a path that in two files; a fit decides which column is the input if the names do
-        not."""
-        return direction.check_direction(Recording.open(recording, **self.opening))
 
     def of(self, recording: Recording, progress: Progress = silent) -> HysteresisCreepModel:
         """Identify the model of a recording."""
@@ -126,7 +120,7 @@ class Validating(WithModel):
     def judged(self, recording: Path | None, model: Path) -> tuple[Recording, HysteresisCreepModel, Validation]:
         """The recording, the model and its validation."""
         loaded, _ = open_model(model)
-        opened = direction.check_direction(Recording.open(recording, **self.opening))
+        opened = Recording.open(recording, **self.opening)
         with checks.refusing(ModelError, f"{model} with {recording}: "):
             loaded = loaded.at(opened.sample_time)
         result = loaded.validate(opened)

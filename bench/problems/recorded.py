@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from bench.problems.protocol import ProblemSet, RaceProblem, Validation, certified
 from piezo_model import DataBasis, HysteresisCreepModel, Recording, identify
 from piezo_model.identification.creep import candidate_rates
-from piezo_model.identification.direction import check_direction
 from piezo_model.identification.error_model import IdentificationError, Solving
 from piezo_model.identification.start import Prepared, prepare, structure_of
 from piezo_model.recordings.options import ReadOptions
@@ -70,7 +69,7 @@ class Recorded(ProblemSet):
             name: of_text(self.options[name]) for name, of_text in READING.items() if name in self.options
         }
         path = self.options["recording"]
-        return check_direction(Recording.open(None if path == TWO_FILES else path, time, input, output, **reading))
+        return Recording.open(None if path == TWO_FILES else path, time, input, output, **reading)
 
     @cached_property
     def _parts(self) -> tuple[Recording, Recording]:

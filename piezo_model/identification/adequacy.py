@@ -1,8 +1,6 @@
 """Whether a model of hysteresis and creep is adequate for a recording, by few means.
 
     line, cubic   the model errs nearly as much as a line, or twice as much as a cubic: the model class does not fit
-    loop sense    the output leads the drive: columns are swapped, or the drive is above a resonance
-    other way     a model of the drive by the output errs far less: columns are swapped
     resonance     v = b(z) / (1 − 2ρ cos φ z⁻¹ + ρ² z⁻²) u errs far less than model and cubic
     delay         a cubic in the drive some samples ago errs far less
     drift         a polynomial in time errs far less
@@ -23,14 +21,12 @@ from scipy.optimize import minimize
 from scipy.signal import lfilter
 
 from piezo_model.dynamics import HIGHEST
-from piezo_model.identification.direction import is_monotonic, swapped
 from piezo_model.identification.error_model import Solving
 from piezo_model.identification.fit_errors import Baseline, Fit, cross_validate, residual, rms
 from piezo_model.identification.forward import ForwardFit
 from piezo_model.identification.start import HEAD
 from piezo_model.identification.transient import first_motion
 from piezo_model.recordings import Recording
-from piezo_model.recordings.evidence import TOO_FEW, level_count
 from piezo_model.structure import ModelStructure
 from piezo_model.units import percent, quantity
 from solvers.arrays import Matrix, Vector
@@ -60,8 +56,8 @@ NOISY = 0.02
 """Smallest error of a curve, as a share of the range, that may be a resonance instead of noise."""
 ROUGH = 0.3
 """1 − correlation of neighbouring samples of a drive of about eight samples a period."""
-REVERSED = -0.5
-"""Largest sense of loops in which the output leads."""
+ONE_WAY = 0.9
+"""Smallest share of the drive's travel in one direction that counts as a single branch."""
 STRIDE, FOLDED = 0.1, 0.7
 """Movement of the drive, and largest ratio of net change to total variation of an output that falls and rises again."""
 POOR = 0.06
@@ -127,8 +123,6 @@ def check_adequacy(
         if resonant and dynamics_ignored:
             refusal, left_out = None, refusal
     unexplained = left_out is None and not on_curve
-    if refusal is None and unexplained and poor and (clause := swapped(recording, skip, 100.0 * error)):
-        refusal = f"{clause}: {compared}"
     if refusal is None and unexplained and not good:
         no_better = error >= (NO_BETTER if dynamics_ignored else HARDLY_BETTER) * line
         refusal = _mismatch(data, error, line, no_better, fit, compared)
@@ -168,6 +162,13 @@ class _Data:
         return abs(float(moved.sum())) < FOLDED * float(np.abs(moved).sum())
 
 
+def is_monotonic(x: Vector) -> bool:
+    """Whether a drive (N,) is nearly a single branch."""
+    travel = np.diff(x)
+    up, down = float(travel[travel > 0].sum()), -float(travel[travel < 0].sum())
+    return max(up, down) > ONE_WAY * max(up + down, 1e-300)
+
+
 def roughness(u: Vector) -> float:
     """1 − correlation of neighbouring samples; 1 − cos(2π/p) for a sine of p samples a period."""
     return float(np.mean(np.diff(u) ** 2) / max(2.0 * u.var(), 1e-300))
@@ -179,49 +180,24 @@ def is_undersampled(u: Vector) -> bool:
 
 
 def _late(data: _Data, s: ModelStructure, poor: bool, compared: str) -> tuple[str | None, bool]:
-    """The reason against a model that a resonance, a delay, a lack of samples or the sense of the loops gives, None
-    without one, and whether it is a resonance."""
+    """The reason against a model that a resonance, a delay or a lack of samples gives, None without one, and whether it
+    is a resonance."""
     u, v = data.near_u, data.near_v
-    leads = poor and not 0 < level_count(u) <= TOO_FEW and sense(data.thin_u, data.thin_v) < REVERSED
     cubic = rms(residual(chebvander(2.0 * u - 1.0, 3), v))
-    far_better = MUCH_BETTER ** (2.0 if leads else 1.0) * min(rms(data.near_own), cubic)
+    far_better = MUCH_BETTER * min(rms(data.near_own), cubic)
     (resonant, frequency), (delayed, delay) = resonance(u, v), delay_of(u, v)
-    rings = resonant < min(far_better, delayed)
-    if leads and not rings:  # long holds hide a fast ringing behind the hysteresis of the levels, except in differences
-        step, moved = np.diff(u), np.diff(v)
-        resonant, fastest = resonance(step, moved)
-        if fastest > HIGHEST and resonant < MUCH_BETTER * rms(residual(step[:, None], moved)):
-            rings, frequency = True, fastest
-    if rings:
+    if resonant < min(far_better, delayed):
         fast = f", above {HIGHEST:.0%} of the sampling rate; record faster".replace("%", " %") * (frequency > HIGHEST)
         return f"the output has a resonance at {quantity(frequency / s.sample_time, 'Hz', 3)}{fast}: {compared}", True
     if delayed < far_better:
         return f"the output is the drive with a delay of {quantity(delay * s.sample_time, 's', 3)}: {compared}", False
-    return _misread(u, v, s, poor, leads, compared), False
-
-
-def _misread(u: Vector, v: Vector, s: ModelStructure, poor: bool, leads: bool, compared: str) -> str | None:
-    """The reason against a model that a lack of samples or the sense of the loops gives; None without one."""
-    period = 2.0 * math.pi / math.acos(max(1.0 - max(roughness(u), ROUGH), -1.0))
-    phase, tone = phase_lag(u, v)
-    reasons = (
-        (
-            poor and is_undersampled(u),
-            f"the drive is undersampled, with {period:.1f} samples a period, "
-            f"or aliased: its turning points, on which hysteresis depends, are lost; {compared}",
-        ),
-        (
-            leads and is_tonal(u) and phase > 90.0,
-            f"the output lags by {phase:.0f}° at {tone / s.sample_time:.3g} Hz, as above a resonance, or falls as the "
-            f"drive rises and leads it, as where the columns are swapped: {compared}",
-        ),
-        (
-            leads,
-            "the output leads the drive round its loops, as where the columns of input and output are swapped: "
-            f"{compared}",
-        ),
-    )
-    return next((reason for applies, reason in reasons if applies), None)
+    if not (poor and is_undersampled(u)):
+        return None, False
+    period = 2.0 * math.pi / math.acos(max(1.0 - roughness(u), -1.0))
+    return (
+        f"the drive is undersampled, with {period:.1f} samples a period, or aliased: its turning points, on which "
+        f"hysteresis depends, are lost; {compared}"
+    ), False
 
 
 def _mismatch(data: _Data, error: float, line: float, no_better: bool, fit: Fit, compared: str) -> str | None:
@@ -272,13 +248,6 @@ def curves(u: Vector) -> Matrix:
     return np.hstack([hats(u), chebvander(2.0 * u - 1.0, SMOOTH)])
 
 
-def sense(u: Vector, v: Vector) -> float:
-    """Sense of the loops: 1 if the output always lags the drive, −1 if it always leads."""
-    error = residual(hats(u), v)
-    area = 0.5 * (error[1:] + error[:-1]) * np.diff(u)
-    return float(-np.sign(np.cov(u, v)[0, 1]) * np.sum(area) / max(np.sum(np.abs(area)), 1e-300))
-
-
 def outlier(recording: Recording, samples: slice, unit: str) -> str | None:
     """A clause about a single outlier of the output that is none of the drive; None without one."""
     y = recording.y[samples]
@@ -308,13 +277,6 @@ def is_tonal(u: Vector, tones: int = 1) -> bool:
         top = int(np.argmax(power))
         power[max(top - 2, 0) : top + 3] = 0.0
     return bool(power.sum() < (1.0 - PURE) * total)
-
-
-def phase_lag(u: Vector, v: Vector) -> tuple[float, float]:
-    """Phase lag of the output in degrees at the drive's strongest tone, and that tone in cycles per sample."""
-    U, V = (np.fft.rfft((signal - signal.mean()) * np.hanning(u.size)) for signal in (u, v))
-    top = int(np.argmax(np.abs(U)))
-    return float(np.degrees(np.angle(U[top] / V[top]))), top / u.size
 
 
 def delay_of(u: Vector, v: Vector) -> tuple[float, int]:

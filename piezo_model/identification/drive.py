@@ -13,12 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import csd
 
-from piezo_model.identification.adequacy import is_undersampled
+from piezo_model.identification.adequacy import is_monotonic, is_undersampled
 from piezo_model.identification.creep import Determined
-from piezo_model.identification.direction import is_monotonic
 from piezo_model.operators import play
 from piezo_model.recordings import Recording
-from piezo_model.recordings.evidence import TOO_FEW, level_count
 from piezo_model.units import quantity
 from solvers.arrays import Vector
 
@@ -29,6 +27,9 @@ SEGMENTS, LONGEST_SEGMENT, SHORTEST_SEGMENT = 8, 8192, 16
 REVERSAL, END = 0.05, 0.1
 """Smallest movement back, and width of either end, as shares of the drive's range, of turns that leave no loop inside
 the outer one."""
+BINS, MOST_LEVELS, TOO_FEW, ELSEWHERE = 100, 20, 4, 0.01
+"""Bins of the drive's range, the most of them that are levels, the most that determine no hysteresis, and the largest
+share of the samples beside these, of a drive that says little of what lies between its levels."""
 COHERENT = 0.5
 FAINT = 1e-9
 """Smallest power of a frequency, as a share of the strongest one, that is no leakage of the window."""
@@ -73,6 +74,19 @@ def drive_of(recording: Recording, skip: int, determined: Determined) -> Drive:
     hysteresis = not is_monotonic(x) and not is_undersampled(x) and not 0 < levels <= TOO_FEW
     one_loop, highest = hysteresis and has_one_loop(x), highest_frequency(recording)
     return Drive(hysteresis, bool(determined.rates), determined.shows_drift, highest, one_loop, levels)
+
+
+def level_count(x: Vector) -> int:
+    """Number of levels of a drive (N,) with MOST_LEVELS or fewer; 0 for others.
+
+    Examples
+    --------
+    >>> level_count(np.repeat([0.0, 1.0, 0.0, 1.0], 500)), level_count(np.linspace(0.0, 1.0, 2000))
+    (2, 0)
+    """
+    counts = np.sort(np.histogram(x, BINS)[0])[::-1]
+    levels = 1 + int(np.searchsorted(np.cumsum(counts), (1.0 - ELSEWHERE) * x.size))
+    return levels if levels <= MOST_LEVELS else 0
 
 
 def has_one_loop(x: Vector) -> bool:

@@ -24,7 +24,6 @@ from piezo_model.dynamics import Dynamics
 from piezo_model.figures import figures_of
 from piezo_model.identification.adequacy import Adequacy, check_adequacy
 from piezo_model.identification.creep import Bounded, Determined, Drift, determine
-from piezo_model.identification.direction import check_direction
 from piezo_model.identification.drive import drive_of
 from piezo_model.identification.dynamics import DynamicsChoice, Separated, separate
 from piezo_model.identification.dynamics_parameters import Parameters
@@ -174,7 +173,7 @@ def identify(
             checks.one_of(get_args(DynamicsChoice), dynamics=dynamics)
         checks.whole(0, skip=0 if skip is None else skip)
         checks.require(lambda s: s is None or isinstance(s, ModelStructure), "a ModelStructure", structure=structure)
-    recording = check_direction(_recording_of(x, y, structure))
+    recording = _recording_of(x, y, structure)
     options = Options(structure, n, m, creep_rates, skip, lag, dynamics, state, estimator, force)
 
     model = _identified(recording, options, Solving(solver, proximal), progress)

@@ -4,7 +4,7 @@ path
  │   formats.open_table   first bytes → one reader a format, which checks sizes before it reads
  ▼
 Table                     named columns (`table`, `array_table`; text: `dialect`, `layout`, `text_rows`)
- │   roles.choose_roles   by name, unit, elimination, and last by values (`evidence`)
+ │   roles.choose_roles   by name, unit and elimination; times also by their values
  │   Table.read           the chosen columns as float64, clocks as seconds (`clock_cells`)
  ▼
 Rows                      times and signals

@@ -19,7 +19,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from piezo_model.recordings.table import RecordingError, RowName, check_sample_time
+from piezo_model.recordings.rows import Rows
+from piezo_model.recordings.table import RecordingError, check_sample_time
 from solvers.arrays import Vector
 
 PART = 65536
@@ -64,14 +65,11 @@ def _single(times: Vector) -> bool:
 
 @dataclass(frozen=True)
 class Clock:
-    """A column of at least two times, shape (rows,), without missing ones."""
+    """The times of at least two rows, without missing ones."""
 
-    label: str
-    """Start of every error message."""
-    times: Vector
+    rows: Rows
     seconds: float
     """Unit of the times."""
-    where: RowName
     tolerance: float
     """Largest deviation of an interval, as a share of the period."""
 
@@ -83,13 +81,16 @@ class Clock:
         RecordingError
             Times that run backwards or stand still, and with ``even`` those that leap or jitter.
         """
-        times, n = self.times, self.times.size
-        self._refuse_backwards()
+        assert self.rows.times is not None
+        times, n = self.rows.times, self.rows.length
+        for at in np.flatnonzero(times[1:] < times[:-1])[:1] + 1:
+            before, after = map(self._seconds, times[at - 1 : at + 1])
+            raise self._refusal(f"runs backwards in {self.rows.where(int(at))}: {after} follows {before}")
         mean, (digit, exact) = float(times[-1] - times[0]) / (n - 1), printed_digit(times[:PART])
         head = times[:PART]
         period = float(head[-1] - head[0]) / (head.size - 1)
         if period == 0.0:
-            raise RecordingError(f"{self.label} stands still from {self.where(0)} on, at {self._seconds(times[0])}")
+            raise self._refusal(f"stands still from {self.rows.where(0)} on, at {self._seconds(times[0])}")
         shows = self._rounding_shows(np.diff(head), period, digit)
         resolution = digit if shows else exact
         # long enough for the rounding to be negligible, short enough for one gap to affect few of the differences
@@ -103,8 +104,8 @@ class Clock:
             later, exact = printed_digit(times[-PART:])  # significant digits are fewer at larger times
             resolution = max(resolution, later if shows or later > digit else exact)
         for stride in strides if even else ():
-            self._refuse_uneven(stride, period, resolution + stride * (self.tolerance * period + error))
-        check_sample_time(f"{self.label}: ", mean * self.seconds)
+            self._refuse_uneven(times, stride, period, resolution + stride * (self.tolerance * period + error))
+        check_sample_time(f"{self.rows.path}: {self.rows.time_label}: ", mean * self.seconds)
         uncertainty = (resolution / (n - 1) + 1e-9 * mean) * self.seconds
         return _shortest(mean * self.seconds, uncertainty), resolution * self.seconds
 
@@ -114,29 +115,19 @@ class Clock:
         divides = abs(digits - round(digits)) <= min(1.5 / steps.size, 0.15)
         return round(digits) == 0 or not divides or int(np.count_nonzero(unequal)) > max(3, 0.05 * steps.size)
 
-    def _refuse_backwards(self) -> None:
-        back = self.times[1:] < self.times[:-1]
-        if back.any():
-            at = int(np.argmax(back)) + 1
-            raise RecordingError(
-                f"{self.label} runs backwards in {self.where(at)}: {self._seconds(self.times[at])} follows "
-                f"{self._seconds(self.times[at - 1])}"
-            )
-
-    def _refuse_uneven(self, stride: int, period: float, allowed: float) -> None:
-        times = self.times
+    def _refuse_uneven(self, times: Vector, stride: int, period: float, allowed: float) -> None:
         excess = times[stride:] - times[:-stride]
         excess -= stride * period
         if not excess.size or max(float(excess.max()), -float(excess.min())) <= allowed:
             return
         at = int(np.argmax(np.abs(excess) > allowed))
-        step, place = times[at + stride] - times[at], self.where(at + stride)
+        step, place = times[at + stride] - times[at], self.rows.where(at + stride)
         near = max(0, at - PART)
         rates = two_rates(np.diff(times[near : near + 2 * PART]), self.tolerance)
         if rates is not None:
             sentence = (
                 f"has two sampling rates: one sample every {self._seconds(rates[0])} up to "
-                f"{self.where(near + rates[2])} and one every {self._seconds(rates[1])} from there on"
+                f"{self.rows.where(near + rates[2])} and one every {self._seconds(rates[1])} from there on"
             )
         elif step == 0.0:
             repeated = int(np.count_nonzero(times[1:] == times[:-1]))
@@ -151,11 +142,14 @@ class Clock:
             )
         else:
             sentence = (
-                f"is not sampled uniformly: {self._seconds(step)} from {self.where(at)} to {place}, where "
+                f"is not sampled uniformly: {self._seconds(step)} from {self.rows.where(at)} to {place}, where "
                 f"{self._seconds(stride * period)} is expected within {self._seconds(allowed)}"
             )
         finest = (period if rates is None else min(rates[:2])) * self.seconds
-        raise RecordingError(f"{self.label} {sentence}; --resample {finest:.6g} interpolates to an even clock")
+        raise self._refusal(f"{sentence}; --resample {finest:.6g} interpolates to an even clock")
+
+    def _refusal(self, sentence: str) -> RecordingError:
+        return RecordingError(f"{self.rows.path}: {self.rows.time_label} {sentence}")
 
     def _seconds(self, value: float) -> str:
         return f"{value * self.seconds:.9g} s"

@@ -9,13 +9,10 @@ import numpy as np
 
 from piezo_model.recordings.opening import open_table, seconds_per_unit
 from piezo_model.recordings.options import ReadOptions
-from piezo_model.recordings.roles import choose_roles
+from piezo_model.recordings.roles import NO_CLOCK, choose_roles
 from piezo_model.recordings.table import Column, RecordingError, Table
 from piezo_model.units import canonical, seconds
 from solvers.arrays import Vector
-
-TIME, INPUT, OUTPUT = range(3)
-"""Positions of the columns in a joined table."""
 
 
 class Channel(NamedTuple):
@@ -38,9 +35,11 @@ def split_name(text: str) -> tuple[Path, str | None]:
     return (Path(file), column) if file and Path(file).is_file() else (Path(text), None)
 
 
-def joined(input: str, output: str, time: str | None, options: ReadOptions) -> tuple[Table, dict[str, str]]:
-    """A table of time, drive and sensor from two files, at the times of the first one that both have, and the reasons
-    of the guesses by role.
+def joined(
+    input: str, output: str, time: str | None, options: ReadOptions
+) -> tuple[Table, dict[str, str], dict[str, str]]:
+    """A table of time, drive and sensor from two files, at the times of the first one that both have, by role the
+    number of its column, and by role the reason of a guess.
 
     Raises
     ------
@@ -64,17 +63,21 @@ def joined(input: str, output: str, time: str | None, options: ReadOptions) -> t
         y = np.interp(times[common], others, y)
         times, x, where = times[common], x[common], lambda row: first.where(int(common[row]))
         repairs += (f"the output is interpolated at the {times.size} times of the input that both files have",)
-    columns = (
-        Column("no time", kind="empty") if times is None else Column("time", drive.unit),
+    columns = [
         replace(drive.column, name=f"{first.path}/{drive.column.name}", nested=True, rows=None),
         replace(sensor.column, name=f"{second.path}/{sensor.column.name}", nested=True, rows=None),
-    )
-    unit = options.time_unit or "s"
-    arrays = [np.zeros(x.size) if times is None else times / (seconds(canonical(unit) or unit) or 1.0), x, y]
+    ]
+    roles, arrays = {"time": NO_CLOCK, "input": "1", "output": "2"}, [x, y]
+    if times is not None:
+        unit = options.time_unit or "s"
+        columns.insert(0, Column("time", drive.unit))
+        arrays.insert(0, times / (seconds(canonical(unit) or unit) or 1.0))
+        roles = {"time": "1", "input": "2", "output": "3"}
     found = {"time": drive.reasons.get("time"), "input": drive.reasons.get("reference")}
     reasons = {role: why for role, why in {**found, "output": sensor.reasons.get("reference")}.items() if why}
     form = f"two files, the first {first.form}"
-    return Table(path, form, columns, lambda at: [[arrays[k] for k in at]], where, repairs), reasons
+    table = Table(path, form, tuple(columns), lambda at: [[arrays[k] for k in at]], where, repairs)
+    return table, roles, reasons
 
 
 def _channel(name: str, time: str | None, options: ReadOptions) -> Channel:

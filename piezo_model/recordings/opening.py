@@ -4,17 +4,16 @@ where the numbers cannot be in their units."""
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from piezo_model.recordings.evidence import ROWS
 from piezo_model.recordings.options import ReadOptions
 from piezo_model.recordings.order import refuse_sorted
 from piezo_model.recordings.roles import NO_CLOCK, choose_roles
 from piezo_model.recordings.rows import Rows
 from piezo_model.recordings.samples import sample
-from piezo_model.recordings.table import ABSURD, RecordingError, Table
+from piezo_model.recordings.table import ABSURD, PROFILED, RecordingError, Table
 from piezo_model.units import LENGTHS, PREFIXES, VOLTAGES, canonical, quantity, seconds
 from solvers.arrays import Vector
 
@@ -33,20 +32,10 @@ def open_table(path: str | Path, options: ReadOptions | None = None) -> Table:
     return formats.open_table(path, options)
 
 
-class Signals(NamedTuple):
-    """Even samples of some roles."""
-
-    about: dict[str, Any]
-    """Fields of a `Source`."""
-    rows: Rows
-    units: tuple[str, ...]
-    """Of the signals, "" for one that is not known."""
-    resolution: float
-    """Visible rounding of the times, in seconds."""
-
-
-def read_signals(table: Table, named: Mapping[str, str | None], options: ReadOptions) -> Signals:
-    """Read the signals of a table.
+def read_signals(
+    table: Table, named: Mapping[str, str | None], options: ReadOptions
+) -> tuple[dict[str, Any], Rows, list[str]]:
+    """Fields of a `Source`, even samples of some roles, and their units, "" for one that is not known.
 
     Parameters
     ----------
@@ -115,9 +104,10 @@ def read_signals(table: Table, named: Mapping[str, str | None], options: ReadOpt
         "form": f"{table.form}, which states the sampling period" if is_stated else table.form,
         "remarks": (*table.repairs, *rows.remarks, *rows.repairs),
         "guessed_seconds": guessed,
+        "time_resolution": resolution,
     }
-    units = (_unit(table, *item, values, options) for item, values in zip(signals.items(), rows.signals, strict=True))
-    return Signals(about, rows, tuple(units), resolution)
+    units = [_unit(table, *item, values, options) for item, values in zip(signals.items(), rows.signals, strict=True)]
+    return about, rows, units
 
 
 def _refuse_sorted_columns(table: Table, named: Mapping[str, str | None]) -> None:
@@ -126,7 +116,7 @@ def _refuse_sorted_columns(table: Table, named: Mapping[str, str | None]) -> Non
         roles = choose_roles(table, {**named, "time": NO_CLOCK}, sampled=True)
     except RecordingError:  # the first error asks for what is missing
         return
-    signals = table.read([*roles.columns.values()], slice(ROWS))
+    signals = table.read([*roles.columns.values()], slice(PROFILED))
     refuse_sorted(
         Rows(table.path, [f"column {table.names[k]!r}" for k in roles.columns.values()], signals, table.where)
     )

@@ -7,7 +7,7 @@ in :mod:`piezo_model.recordings.samples`, and each repair is one of ``remarks``.
 """
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -18,10 +18,9 @@ from numpy.typing import ArrayLike
 
 from piezo_model import checks
 from piezo_model.recordings.bad_values import MOST_MISSING, last_known
-from piezo_model.recordings.joining import INPUT, OUTPUT, TIME, joined
-from piezo_model.recordings.opening import GUESS, Signals, open_table, read_signals
+from piezo_model.recordings.joining import joined
+from piezo_model.recordings.opening import GUESS, open_table, read_signals
 from piezo_model.recordings.options import TIME_TOLERANCE, ReadOptions
-from piezo_model.recordings.roles import NO_CLOCK
 from piezo_model.recordings.rows import Rows
 from piezo_model.recordings.table import RecordingError, check_sample_time
 from piezo_model.structure import SMALLEST
@@ -45,6 +44,8 @@ class Source:
     """Format and dialect of the file, as a clause: "text, separated by tabs, header in row 3"."""
     remarks: tuple[str, ...] = ()
     """What was left out, filled in or put in order, each as a clause."""
+    time_resolution: float = 0.0
+    """Visible rounding of the times, in seconds."""
     guessed_seconds: bool = False
     """Whether nobody states the unit of the times."""
     units: str = ""
@@ -99,8 +100,6 @@ class Recording(Source):
     """Unit of the input ("V"), or "" if unknown."""
     output_unit: str = ""
     """Unit of the output ("um"), or "" if unknown."""
-    time_resolution: float = 0.0
-    """Visible rounding of the times, in seconds."""
 
     @classmethod
     def open(
@@ -145,7 +144,7 @@ class Recording(Source):
             return cls.join(input, output, time, **reading)
         options = ReadOptions(**reading)
         named = {"time": time, "input": input, "output": output}
-        return cls._of(read_signals(open_table(path, options), named, options))
+        return cls._of(*read_signals(open_table(path, options), named, options))
 
     @classmethod
     def join(cls, input: str, output: str, time: str | None = None, **reading: Any) -> Self:
@@ -155,22 +154,26 @@ class Recording(Source):
         errors are those of :meth:`open`.
         """
         options = ReadOptions(**reading)
-        table, reasons = joined(input, output, time, options)
-        clock = None if options.sample_time else str(TIME + 1) if table.columns[TIME].kind == "number" else NO_CLOCK
-        named = {"time": clock, "input": str(INPUT + 1), "output": str(OUTPUT + 1)}
-        return replace(cls._of(read_signals(table, named, options)), reasons=reasons)
+        table, named, reasons = joined(input, output, time, options)
+        return replace(cls._of(*read_signals(table, named, options)), reasons=reasons)
 
     @classmethod
-    def _of(cls, read: Signals) -> Self:
-        for role, label, values in zip(("input", "output"), read.rows.labels, read.rows.signals, strict=True):
-            _refuse_constant(f"{read.about['name']}: {role} {label}", values)
-        input_unit, output_unit = read.units
+    def _of(cls, about: Mapping[str, Any], rows: Rows, units: Sequence[str]) -> Self:
+        for role, label, values in zip(("input", "output"), rows.labels, rows.signals, strict=True):
+            _refuse_constant(f"{rows.path}: {' '.join(dict.fromkeys((role, label)))}", values)
+        x, y = rows.signals
+        for array in (x, y, rows.uncounted):
+            array.flags.writeable = False
         return cls(
-            **read.about,
-            **_arrays(read.rows),
-            input_unit=input_unit,
-            output_unit=output_unit,
-            time_resolution=read.resolution,
+            **about,
+            x=x,
+            y=y,
+            uncounted=rows.uncounted,
+            starts=tuple(rows.starts),
+            x_range=(float(x.min()), float(x.max())),
+            y_range=(float(y.min()), float(y.max())),
+            input_unit=units[0],
+            output_unit=units[1],
         )
 
     @classmethod
@@ -211,16 +214,9 @@ class Recording(Source):
         rows = Rows(name, ["input", "output"], [np.copy(signal) for signal in signals.values()], "sample {}".format)
         for label, signal, most in zip(rows.labels, rows.signals, (0.0, MOST_MISSING), strict=True):
             last_known(rows, label, signal, most, whole=True)
-            _refuse_constant(f"{name}: {label}", signal)
         if (missing := np.isnan(rows.signals[1])).any():
             rows.replace(1, missing)
-        return cls(
-            name=name,
-            sample_time=float(sample_time),
-            **_arrays(rows),
-            input_unit=input_unit,
-            output_unit=output_unit,
-        )
+        return cls._of({"name": name, "sample_time": float(sample_time)}, rows, (input_unit, output_unit))
 
     @property
     def length(self) -> int:
@@ -309,24 +305,6 @@ class Recording(Source):
             y=self.y if gain_y == 1.0 else read_only(gain_y * self.y),
         )
 
-    def swapped(self) -> Self:
-        """Return the recording with input and output swapped; RecordingError if outputs are missing, since a drive must
-        not have gaps."""
-        if gaps := int(np.count_nonzero(self.uncounted)):
-            raise RecordingError(f"{self.name}: {gaps} samples have no output, which thus cannot be the input")
-        other = {"input": "output", "output": "input"}
-        return replace(
-            self,
-            x=self.y,
-            y=self.x,
-            x_range=self.y_range,
-            y_range=self.x_range,
-            input_unit=self.output_unit,
-            output_unit=self.input_unit,
-            columns={other.get(role, role): name for role, name in self.columns.items()},
-            reasons={other.get(role, role): why for role, why in self.reasons.items()},
-        )
-
     def describe(self) -> str:
         """Describe in two lines the samples, and the columns that were guessed, and in one each remark."""
         gaps = int(np.count_nonzero(self.uncounted))
@@ -401,17 +379,8 @@ def read_reference(
         With one sentence that names file, column and row.
     """
     options = ReadOptions(**reading)
-    read = read_signals(open_table(path, options), {"time": time, role: column}, options)
-    return Reference(**read.about, values=read.rows.signals[0], unit=read.units[0])
-
-
-def _arrays(rows: Rows) -> dict[str, Any]:
-    """Fields of the signals, which cannot be written to, and their ranges."""
-    x, y = rows.signals
-    for array in (x, y, rows.uncounted):
-        array.flags.writeable = False
-    ranges = {"x_range": (float(x.min()), float(x.max())), "y_range": (float(y.min()), float(y.max()))}
-    return {"x": x, "y": y, "uncounted": rows.uncounted, "starts": tuple(rows.starts), **ranges}
+    about, rows, (unit,) = read_signals(open_table(path, options), {"time": time, role: column}, options)
+    return Reference(**about, values=rows.signals[0], unit=unit)
 
 
 def _refuse_constant(label: str, values: Vector) -> None:

@@ -1,8 +1,8 @@
 """Assignment of the columns of a table to the roles time, input, output and reference.
 
 The user names columns, and the others are guessed by the most reliable evidence available: the words in a name
-(``input_voltage``), its unit, being the only column left, and finally the values
-(:mod:`piezo_model.recordings.evidence`). Guesses are reported.
+(``input_voltage``), its unit, and being the only column left whose values vary, or that
+can be a time. Guesses are reported.
 Every word votes for the drive (positive) or for the sensor (negative). Between two columns that fit equally well no
 guess is made: the user has to name one.
 """
@@ -14,8 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from piezo_model.recordings.evidence import Profile, input_first, profiles
-from piezo_model.recordings.table import Column, RecordingError, Table, printable
+from piezo_model.recordings.table import Column, Profile, RecordingError, Table, printable
 from piezo_model.units import ANGLES, LENGTHS, SECONDS, VOLTAGES
 
 TIME_WORDS = (
@@ -96,7 +95,7 @@ class _Search:
     @cached_property
     def profiles(self) -> dict[int, Profile]:
         """Profiles of the candidates."""
-        return profiles(self.table, [k for k in self.candidates if self.table.columns[k].kind == "number"])
+        return self.table.profiles([k for k in self.candidates if self.table.columns[k].kind == "number"])
 
     def free(self) -> list[int]:
         """Candidates without a role."""
@@ -156,7 +155,7 @@ def choose_roles(table: Table, named: Mapping[str, str | None], sampled: bool = 
             _find_time_by_values(search)
         missing += ["time"] * ("time" not in search.assigned)
     if missing:
-        raise RecordingError(_question(table, missing, list(named)))
+        raise RecordingError(_question(table, missing))
     read = [role for role in ROLES if role in named and role in search.assigned and not (sampled and role == "time")]
     return Roles(
         {role: search.assigned[role] for role in read},
@@ -222,7 +221,7 @@ def words_of(column: Column) -> set[str]:
 def _find_time_by_name(search: _Search) -> None:
     ranks = {k: rank for k in search.free() if (rank := _time_rank(search.table.columns[k])) is not None}
     best = [k for k, rank in ranks.items() if rank == min(ranks.values())]
-    if len(best) > 1 and len(set(profiles(search.table, best).values())) == 1:
+    if len(best) > 1 and len(set(search.table.profiles(best).values())) == 1:
         best = best[:1]  # an oscilloscope repeats the times beside each channel
     search.assign("time", best, "by name")
 
@@ -275,10 +274,6 @@ def _find_signals(search: _Search) -> None:
         absent = [role for role in ("input", "output") if role not in search.assigned]
         if absent == ["input"] or (absent == ["output"] and not any(is_setpoint(columns[k]) for k in free)):
             search.assign(absent[0], free, "as the only one left")
-        elif len(absent) == len(free) == 2 and not all(vote(columns[k]) < 0 for k in free):
-            pair, reason = input_first(search.table, (free[0], free[1]))
-            for role, k in zip(absent, pair, strict=False):
-                search.assign(role, [k], reason)
 
 
 def _find_signals_by_name(search: _Search, likely: Sequence[int]) -> None:
@@ -291,9 +286,9 @@ def _find_signals_by_name(search: _Search, likely: Sequence[int]) -> None:
     search.assign("output", [k for k in votes if votes[k] == lowest < 0], "by name")
 
 
-def _question(table: Table, missing: Sequence[str], roles: Sequence[str]) -> str:
-    options = [f"--{role}" for role in roles]
-    way_out = f"name them with {', '.join(options[:-1])} and {options[-1]}"
+def _question(table: Table, missing: Sequence[str]) -> str:
+    options = [f"--{role}" for role in missing]
+    way_out = f"name {'it' if len(missing) == 1 else 'them'} with {' and '.join(options)}"
     if list(missing) == ["time"]:
         way_out = "name it with --time, or say --sample-time or --sample-rate if there is none"
         if table.unread_period:

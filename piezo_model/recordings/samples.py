@@ -61,9 +61,8 @@ def _sampling(rows: Rows, seconds: float, period: float, options: ReadOptions) -
         raise RecordingError(f"{rows.path}: has {counted}, and a recording needs two")
     if rows.times is None:
         return period, 0.0
-    clock = Clock(f"{rows.path}: {rows.time_label}", rows.times, seconds, rows.where, options.time_tolerance)
     try:
-        return clock.sampling(even=options.resample is None)
+        return Clock(rows, seconds, options.time_tolerance).sampling(even=options.resample is None)
     except RecordingError:
         if not drop_repeats(rows):
             raise

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from piezo_model.units import canonical, split_unit
 from solvers.arrays import Vector
 
 Kind = Literal["number", "clock", "flag", "text", "empty"]
+PROFILED = 1_000_000
+"""Rows from the start that are looked at to tell what a column is."""
 KINDS: Mapping[str, Kind] = {**dict.fromkeys("iuf", "number"), **dict.fromkeys("mM", "clock"), "b": "flag"}
 """Kind of a column by the kind code of its NumPy type."""
 ABSURD = 1e30
@@ -70,6 +72,28 @@ class Column:
         return split_unit(last if re.search(r"[^\W\d]", last) else self.name.replace("/", " "))[0]
 
 
+class Profile(NamedTuple):
+    """What the values of a column tell where its name does not, values apart that are missing or absurd."""
+
+    low: float
+    high: float
+    rises: bool
+    """Never falls, and is not constant."""
+    counts: bool
+    """Increases by one in every row: an index."""
+    uniform: bool
+    """Increases nearly evenly."""
+
+
+def _profile(values: Vector) -> Profile:
+    known = values[np.abs(values) < ABSURD]
+    known = known if known.size > 1 else np.zeros(2)
+    steps = np.diff(known)
+    least, most = float(steps.min()), float(steps.max())
+    even = most - least <= 0.5 * float(steps.mean())
+    return Profile(float(known.min()), float(known.max()), least >= 0.0 < most, least == most == 1.0, even)
+
+
 @dataclass(frozen=True)
 class Table:
     """An opened file."""
@@ -97,6 +121,10 @@ class Table:
     def label(self, k: int) -> str:
         """File and column, the start of a sentence."""
         return f"{self.path}: column {self.names[k]!r}"
+
+    def profiles(self, columns: Sequence[int]) -> dict[int, Profile]:
+        """What the values of columns tell, by position."""
+        return dict(zip(columns, map(_profile, self.read(columns, slice(PROFILED))), strict=True)) if columns else {}
 
     def read(self, columns: Sequence[int], rows: slice = slice(None)) -> list[Vector]:
         """The columns at these positions, shape (rows,).

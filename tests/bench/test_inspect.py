@@ -50,6 +50,7 @@ def test_options_supply_what_the_file_lacks(tmp_path: Path, capsys: pytest.Captu
     path = tmp_path / "stage.csv"
     path.write_text("".join(f"{line.split(';', 1)[1].replace('.', ',')}\n" for line in LINES))
     words = ["inspect", str(path), "--json", "--sample-rate", "1000", "--decimal", ",", "--header-row", "0"]
+    words += ["--input", "1", "--output", "2"]
     assert run(words) == 0
     document = json.loads(capsys.readouterr().out)
     assert (document["sample_time_s"], document["samples"], document["input"], document["output"]) == (

@@ -151,9 +151,10 @@ def _delay(rng: Generator) -> tuple[Vector, Vector]:
     return u(k), noisy(rng, 3.0 * u(k - late))
 
 
-def _swapped(rng: Generator) -> tuple[Vector, Vector]:
-    u = drive(rng, form=int(rng.integers(5)))
-    return noisy(rng, loops(rng, u, rng.uniform(0.15, 0.4)), 0.001), u
+def _friction(rng: Generator) -> tuple[Vector, Vector]:
+    """Loops that turn the other way, as those of sliding parts, dampers and shape memory."""
+    u = drive(rng, form=int(rng.integers(4)))
+    return u, noisy(rng, 2.0 * u - loops(rng, u, rng.uniform(0.5, 0.9)), 0.001)
 
 
 def _interleaved(rng: Generator) -> tuple[Vector, Vector]:
@@ -177,7 +178,7 @@ UNDESCRIBABLE: dict[str, tuple[Kind, str]] = {
     "resonance": (_resonance, "resonan"),
     "butterfly": (_butterfly, "butterfly"),
     "delay at two frequencies": (_delay, "delay"),
-    "swapped columns": (_swapped, "swapped"),
+    "friction": (_friction, "does not describe"),
     "white noise": (lambda rng: (drive(rng), rng.standard_normal(6000)), "noise"),
     "constant output": (lambda rng: (drive(rng), np.full(6000, 1.7)), "constant"),
     "drift only": (

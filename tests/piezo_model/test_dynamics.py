@@ -27,13 +27,11 @@ from piezo_model import (
     signals,
 )
 from piezo_model.deployment import Deployment
-from piezo_model.identification.direction import check_direction
 from piezo_model.identification.dynamics import GAIN
 from piezo_model.identification.dynamics_parameters import Parameters
 from piezo_model.identification.error_model import Solving
 from piezo_model.identification.forward import fit_forward
 from piezo_model.identification.resonance import Spectra
-from piezo_model.recordings import write_table
 
 ONE = Dynamics((500.0,), (0.01,), (1.0,), 1.3125 * T)
 TWO = Dynamics((120.0, 900.0), (0.03, 0.01), (0.8, 0.15), 0.5 * T)
@@ -256,14 +254,6 @@ def test_two_modes_keep_their_order_in_all_bounds_of_a_search() -> None:
     assert np.all((low <= near.vector) & (near.vector <= high))
     for theta in itertools.product(*zip(low, high, strict=True)):
         near.at(np.array(theta))  # whose dynamics refuse what is out of order or range
-
-
-def test_columns_are_told_apart_however_long_the_stage_rests_first(tmp_path: Path) -> None:
-    x = np.r_[np.zeros(20_500), 50.0 - 50.0 * np.cos(np.arange(2000) / 60.0)]
-    y = true_model(structure()).simulate(x)
-    write_table(tmp_path / "rest.csv", {"a": y, "b": x})
-    found = check_direction(Recording.open(tmp_path / "rest.csv", sample_time=5e-3))
-    np.testing.assert_array_equal(found.x, x)
 
 
 def test_parts_of_a_signal_are_refused_for_a_model_with_dynamics() -> None:

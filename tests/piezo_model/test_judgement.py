@@ -1,23 +1,21 @@
 """Recordings that give a model and recordings that are refused, independent of units, signs and offsets."""
 
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from known_models import structure, true_model
 from recording_kinds import DESCRIBABLE, SAMPLE_TIME, UNDESCRIBABLE, creeping, drive, loops, noisy, recording, resonant
 from scipy.signal import lfilter
 
-from piezo_model import IdentificationError, ModelStructure, OperatorState, Recording, identify
+from piezo_model import IdentificationError, ModelStructure, Recording, identify
 from piezo_model.identification import adequacy
 from piezo_model.identification.fit_review import review
 from piezo_model.identification.start import structure_of
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operators import play
-from piezo_model.recordings import RecordingError, write_table
+from piezo_model.recordings import RecordingError
 from piezo_model.units import UnitError, quantity
 
 SEED, SEEDS = 11, st.integers(0, 10_000)
@@ -29,7 +27,7 @@ def test_data_outside_the_model_class_are_refused_with_the_reason(kind: str) -> 
     made, reason = UNDESCRIBABLE[kind]
     with pytest.raises((IdentificationError, RecordingError), match=reason) as caught:
         identify(recording(made, SEED))
-    others = [other for name, (_, other) in UNDESCRIBABLE.items() if name != kind and other in str(caught.value)]
+    others = [other for _, other in UNDESCRIBABLE.values() if other != reason and other in str(caught.value)]
     assert others == []
     assert "\n" not in str(caught.value)
 
@@ -84,16 +82,6 @@ def test_a_model_that_is_hardly_better_than_a_line_is_refused_with_the_reason(se
         identify(made, dynamics="ignore")
     report = identify(made, dynamics="ignore", force=True).report
     assert report["fit"]["rms_percent"] > 0.7 * report["fit"]["line_percent"]
-
-
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_swapped_columns_of_noisy_steps_are_named(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    u = levels(rng, 12_000, 400)
-    y = noisy(rng, loops(rng, u, 0.3), 0.005)
-    assert identify(Recording.from_arrays(u, y, SAMPLE_TIME)).report["refusal"] is None
-    with pytest.raises(IdentificationError, match="swapped"):
-        identify(Recording.from_arrays(y, u, SAMPLE_TIME))
 
 
 @pytest.mark.parametrize("curve", [lambda u: u**2 + u, lambda u: np.exp(2.0 * u), lambda u: np.tanh(1.5 * u)])
@@ -435,16 +423,6 @@ def test_a_resonance_is_named_with_its_frequency_for_any_drive_and_sampling(
     assert "--" not in warning
 
 
-@pytest.mark.sample(1)
-@pytest.mark.parametrize(("frequency", "damping"), [(45.0, 0.02), (45.0, 0.1), (60.0, 0.1)])
-def test_one_tone_above_a_resonance_is_not_taken_for_swapped_columns_alone(frequency: float, damping: float) -> None:
-    with pytest.raises(
-        IdentificationError, match=r"lags by 1\d\d° at (44\.9|45|60) Hz, as above a resonance, or"
-    ) as caught:
-        identify(tones(frequency, damping=damping))
-    assert "--" not in str(caught.value)
-
-
 def test_validation_leaves_out_the_transient_that_identification_leaves_out_and_that_of_another_session() -> None:
     made = switched_on(470.0, 3.0, 20)
     model = identify(made)
@@ -484,19 +462,6 @@ def test_a_single_outlier_is_named_with_its_sample_and_value() -> None:
     ):
         identify(spoiled, n=3, m=1)
     assert any("in sample 4711" in sentence for sentence in model.validate(spoiled).sentences())
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_a_drive_of_two_levels_is_never_said_to_be_the_output(seed: int, tmp_path: Path) -> None:
-    rng = np.random.default_rng(seed)
-    s = structure(sample_time=1e-2, creep_rates=(3.0, 0.3, 0.05)[: 1 + seed % 3])
-    x = np.repeat(rng.choice([0.0, 100.0], 60), int(rng.integers(8, 60)))
-    y = true_model(s).simulate(x, OperatorState.settled_at(s, float(x[0])))
-    y += 5e-4 * np.ptp(y) * rng.standard_normal(y.size)
-    write_table(tmp_path / "prbs.csv", {"a": y, "b": x})
-    found = Recording.open(tmp_path / "prbs.csv", sample_time=1e-2)
-    np.testing.assert_array_equal(found.x, x)
-    assert identify(found).report["drive"]["levels"] == 2
 
 
 @pytest.mark.parametrize("threshold", [100.0, 300.0, 500.0])

@@ -9,10 +9,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from recording_files import HEADER, TWO_RATES, lines_of, refusal, signals, text_file, waves, with_times
-from recording_kinds import DESCRIBABLE, creeping, noisy
 
 from piezo_model import identify
-from piezo_model.identification.direction import check_direction
 from piezo_model.operators import play
 from piezo_model.recordings import Recording, RecordingError, read_reference, write_table
 from piezo_model.units import split_unit
@@ -64,7 +62,6 @@ def test_columns_are_guessed_from_the_header_and_reported(
     line = ",".join(cells.get(name, "7") for name in names)
     recording = Recording.open(text_file(tmp_path, header, *(line.format(k, k % 3) for k in range(9))))
     assert recording.columns == {"time": time, "input": x, "output": y}
-    assert recording.swapped().columns == {"time": time, "input": y, "output": x}
     assert (recording.x_range, recording.y_range) == ((10, 12), (20, 22))
     assert "guessed: time, input, output by name (otherwise --time, --input, --output)" in recording.describe()
     assert all(repr(name) in recording.describe() for name in (time, x, y))
@@ -74,7 +71,7 @@ def test_named_columns_are_taken_and_are_no_guesses(tmp_path: Path) -> None:
     stage = text_file(tmp_path, HEADER, *lines_of(*signals().values()))
     recording = Recording.open(stage, input="displacement_um", output="voltage_V")
     assert (recording.input_unit, recording.output_unit) == ("um", "V")
-    assert recording.reasons == recording.swapped().reasons == {"time": "by name"}
+    assert recording.reasons == {"time": "by name"}
     assert "guessed: time by name (otherwise --time)" in recording.describe()
     assert "guessed" not in Recording.open(stage, "time_s", "voltage_V", "displacement_um").describe()
 
@@ -121,33 +118,6 @@ def kept_back(
     return t, x, sign * (y + np.random.default_rng(0).normal(0, noise, t.size))
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-@pytest.mark.parametrize("swapped", [False, True])
-@pytest.mark.parametrize("noise", [0.0, 0.3])
-def test_of_two_unnamed_signals_the_one_that_lags_is_the_output(
-    tmp_path: Path, sign: float, swapped: bool, noise: float
-) -> None:
-    t, x, y = kept_back(noise, sign)
-    pair = (x, y) if swapped else (y, x)
-    rows = lines_of(t.astype(np.float32).astype(float), *pair)
-    recording = Recording.open(text_file(tmp_path, *("\t" + row.replace(",", "\t") for row in rows)))
-    clean = text_file(tmp_path, "time_s,voltage,position", *lines_of(t, x, y), name="clean.csv")
-    assert recording.digest() == Recording.open(clean).digest()
-    assert recording.sample_time == Recording.open(clean).sample_time == 1e-3
-    assert (
-        "time as the only one that never falls; input, output because the output lags the input" in recording.describe()
-    )
-
-
-def test_without_a_loop_the_noisier_side_is_the_output(tmp_path: Path) -> None:
-    t = np.arange(5000) * 1e-3
-    x = np.sin(20 * t)
-    y = x + np.random.default_rng(1).normal(0, 1e-2, t.size)
-    recording = Recording.open(text_file(tmp_path, *lines_of(t, y, x)))
-    assert recording.columns == {"time": "column 1", "input": "column 3", "output": "column 2"}
-    assert "because the output is the noisier one" in recording.describe()
-
-
 @pytest.mark.parametrize(
     ("header", "columns"),
     [
@@ -184,45 +154,15 @@ def test_roles_are_guessed_by_elimination(tmp_path: Path, header: str, columns: 
     np.testing.assert_array_equal([recording.x, recording.y], [x, y])
 
 
-# Guesses by values, checked by a fit both ways round.
-
-
-def two_columns(folder: Path, first: np.ndarray, second: np.ndarray) -> Path:
-    """A file without clock and header, as some converters write it."""
-    path = folder / "stage.txt"
-    np.savetxt(path, np.column_stack([first, second]), "%.9g", "\t")
-    return path
-
-
-@pytest.mark.parametrize("swapped", [False, True])
-@pytest.mark.parametrize(("kind", "seed"), [("saturation and hysteresis", 11), ("Bouc-Wen", 3)])
-def test_a_guess_by_the_loops_is_reversed_if_the_fit_contradicts_it(
-    tmp_path: Path, kind: str, seed: int, swapped: bool
-) -> None:
-    x, y = (signal[:1500] for signal in DESCRIBABLE[kind](np.random.default_rng(seed)))
-    guessed = Recording.open(two_columns(tmp_path, *((y, x) if swapped else (x, y))), sample_time=1e-3)
-    drive = "column 2" if swapped else "column 1"
-    assert guessed.columns["output"] == drive  # the wrong way round
-    checked = check_direction(guessed)
-    assert checked.columns["input"] == drive
-    np.testing.assert_allclose(checked.x, x, rtol=1e-8)
-    assert checked.x_range == guessed.y_range
-    assert "guessed: input, output because the RMS residual of a model is" in checked.describe()
-    assert check_direction(checked) is checked
-
-
-def test_columns_that_a_fit_cannot_distinguish_have_to_be_named(tmp_path: Path) -> None:
-    rng, x = np.random.default_rng(1), np.sin(np.linspace(-1.57, 1.7, 4000))
-    y = noisy(rng, np.tanh(1.5 * creeping(rng, x)), 0.0005)  # hardly more than one way up, which any curve describes
-    recording = Recording.open(two_columns(tmp_path, x, y), sample_time=1e-3)
-    with pytest.raises(
-        RecordingError, match="cannot tell which column is the input and which the output: the RMS residual of a model"
-    ) as caught:
-        identify(recording)
-    assert "name them with --input and --output" in str(caught.value)
-    assert identify(
-        Recording.open(recording.name, input="1", output="2", sample_time=1e-3)
-    ).structure.x_scale == pytest.approx(1.0, abs=1e-3)
+def test_columns_that_no_name_tells_apart_are_asked_for_and_an_output_that_falls_is_said(tmp_path: Path) -> None:
+    t, x, y = kept_back(sign=-1.0)
+    path = text_file(tmp_path, *lines_of(t, y, x))
+    assert "cannot tell which column is the input and which the output; its columns are 'column 1', 'column 2'" in (
+        asked := refusal(path)
+    )
+    assert asked.endswith("name them with --input and --output")
+    model = identify(Recording.open(path, input="3", output="2"))
+    assert any("falls as the input rises" in finding for finding in model.report["findings"])
 
 
 @pytest.mark.parametrize(

@@ -132,7 +132,7 @@ REFUSED: list[tuple[list[str], dict[str, Any], str]] = [
     (
         ["time_s,a,b", "0,1,2", "1,2,3", "2,5,5"],
         {},
-        "its columns are 'time_s', 'a', 'b'; name them with --time, --input and --output",
+        "its columns are 'time_s', 'a', 'b'; name them with --input and --output",
     ),
     (
         ["u,y", "1,2", "2,3", "3,3", "4,2"],
@@ -145,7 +145,7 @@ REFUSED: list[tuple[list[str], dict[str, Any], str]] = [
         [f"{t:.3f},{math.sin(t)!r},{2 * math.sin(t)!r}" for t in (np.arange(500) * 1e-3).tolist()],
         {},
         "cannot tell which column is the input and which the output; its columns are 'column 1', 'column 2', "
-        "'column 3'; name them with --time, --input and --output",
+        "'column 3'; name them with --input and --output",
     ),
     (
         timed(EVEN),

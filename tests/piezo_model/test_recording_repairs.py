@@ -156,7 +156,7 @@ SPOILED: dict[str, tuple[str, dict[str, Any], str]] = {
     "a resampling by mistake": (CLEAN, {"resample": 1e-6}, "makes 9995001 samples of 2000 rows"),
     "no rows in a part": (CLEAN, {"from_s": 50.0}, "has 0 rows after --from 50, seconds"),
     "a period that the clock contradicts": (CLEAN, {"sample_time": 0.1}, "lasts 9.995 s by its time column"),
-    "a length for a unit of time": (table(T, X, Y, header=()), {"time_unit": "um"}, "'um', .* of time; --time-unit"),
+    "a length for a unit of time": (table(T, X, Y), {"time_unit": "um"}, "'um', .* of time; --time-unit"),
     "a zero byte": (CLEAN.replace("time_s", "t\0ime_s"), {}, "neither plain text"),
     "a name that two columns have": (
         table(T, X, Y, header=("Sec", "Volt", "Volt")),
@@ -227,7 +227,8 @@ def scope(channel: str, values: np.ndarray, unit: str = "V") -> str:
 
 def test_two_channels_of_an_oscilloscope_beside_each_other_are_one_recording(tmp_path: Path) -> None:
     pair = (scope(channel, values).splitlines() for channel, values in (("CH1", X), ("CH3", Y)))
-    recording = opened(tmp_path, "\n".join(",".join(lines) for lines in zip(*pair, strict=True)) + "\n")
+    text = "\n".join(",".join(lines) for lines in zip(*pair, strict=True)) + "\n"
+    recording = opened(tmp_path, text, input="CH1", output="CH3")
     assert recording.columns == {"time": "Time (4)", "input": "CH1", "output": "CH3"}
     assert (recording.input_unit, recording.output_unit, recording.length) == ("V", "V", N)
 
@@ -265,7 +266,7 @@ def test_two_files_are_one_recording(tmp_path: Path) -> None:
     [
         ("Zeit,Soll,Ist\n[ms],[Digits],[V]", {}, ("Zeit", "Soll", "Ist"), ("Digits", "V")),
         ("Time,Command,Position\ns,raw,um", {}, ("Time", "Command", "Position"), ("raw", "um")),
-        ("x-axis,1,2\nsecond,Volt,Volt", {}, ("second", "Volt (2)", "Volt (3)"), ("", "")),
+        ("x-axis,1,2\nsecond,Volt,Volt", {"input": "2", "output": "3"}, ("second", "Volt (2)", "Volt (3)"), ("", "")),
         ("Sec,Volt,Volt", {"input": "2", "output": "Volt (3)"}, ("Sec", "Volt (2)", "Volt (3)"), ("", "")),
         ("time_s,drive\x1a_V,sensor\x07_V", {"input": "drive"}, ("time_s", "drive_V", "sensor_V"), ("V", "V")),
     ],
@@ -282,7 +283,7 @@ def test_names_are_printable_told_apart_and_found_by_a_part(
 
 def test_seconds_that_nobody_states_are_called_a_guess_and_a_unit_of_time_settles_it(tmp_path: Path) -> None:
     stamps = np.cumsum(np.random.default_rng(0).choice([4, 5, 6], N)).astype(float)
-    text = table(stamps, X, Y, header=())
+    text = table(stamps, X, Y, header=("t", "u", "y"))
     guessed, told = opened(tmp_path, text), opened(tmp_path, text, time_unit="ms")
     assert re.search(r"one every 5.* s \(seconds are a guess, otherwise --time-unit\)", guessed.describe())
     assert (guessed.guessed_seconds, told.guessed_seconds) == (True, False)

@@ -48,7 +48,7 @@ def clock(day: str, start: float = 0.0) -> list[str]:
 QUOTED = '"{t}","{x}","{y}"'
 HEADER = "time_s,voltage_V,height_um\n"
 FILES: dict[str, tuple[bytes | str, dict]] = {
-    "no header": (rows("{t},{x},{y}"), {}),
+    "no header": (rows("{t},{x},{y}"), {"input": "2", "output": "3"}),
     "metadata": (f"Instrument: stage\nDate,2024-01-31\nGain,10,V/V\n\n{HEADER}{rows('{t},{x},{y}')}", {}),
     "comments with the header": (
         f"# stage\n# 3 channels\n#\n# time\tvoltage\theight\n{rows(f'{{t}}{chr(9)}{{x}}{chr(9)}{{y}}')}",

@@ -169,7 +169,7 @@ def test_a_reference_may_be_constant_or_one_column_of_a_given_period(
 @pytest.mark.parametrize(
     ("lines", "sentence"),
     [
-        (("time_s,a,b", "0,1,2", "1,2,3"), "which column is the reference.*--time and --reference"),
+        (("time_s,a,b", "0,1,2", "1,2,3"), "which column is the reference.*name it with --reference"),
         (("time_s,ref", "0,1", "1,"), r"'ref' is missing .or NaN. in row 3"),
         (("time_s,ref", *(f"{max(k - 1, 0)},{k}" for k in range(12))), r"stands still in row 3 \(data row 2\)"),
     ],

@@ -1,6 +1,6 @@
 """The formats, recognised by their first bytes and never by their suffix alone. A format is one function and one line:
 
-    read(path, options) -> Arrays     named arrays, units, sampling periods (`array_table`), or a Table
+    read(path) -> Arrays              named arrays, units, sampling periods (`array_table`), or a Table
     Format(name, recognises, read)    in FORMATS
 
 A reader whose library reads values at once asks `table.check_size` first whether what the file states is not too much.
@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from piezo_model.recordings.array_table import table_of
 from piezo_model.recordings.formats.arrow import open_parquet, open_stream
-from piezo_model.recordings.formats.libraries import open_npy, read_hdf5, read_matlab, read_npz, read_tdms
+from piezo_model.recordings.formats.libraries import read_hdf5, read_matlab, read_npy, read_npz, read_tdms
 from piezo_model.recordings.formats.text import HEAD_BYTES, open_gcs, open_text
 from piezo_model.recordings.formats.xlsx import open_workbook
 from piezo_model.recordings.options import ReadOptions
@@ -49,7 +49,8 @@ class Format(NamedTuple):
     """With its article, for sentences."""
     recognises: Callable[[Path, bytes], bool]
     """Of the path and the first bytes."""
-    read: Callable[[Path, ReadOptions], Any]
+    read: Callable[..., Any]
+    """Of the path, and the values of the options that it takes."""
     takes: tuple[str, ...] = ()
     """Options that apply to this format and not to all."""
 
@@ -61,7 +62,7 @@ FORMATS = (
         lambda path, head: head.startswith(b"\xff\xff\xff\xff") and path.suffix in (".arrow", ".arrows"),
         open_stream,
     ),
-    Format("a NumPy file", begins(b"\x93NUMPY"), open_npy),
+    Format("a NumPy file", begins(b"\x93NUMPY"), read_npy),
     Format("an archive of NumPy", holds(".npy"), read_npz),
     Format("an Excel workbook", holds("xl/workbook.xml"), open_workbook, takes=("header_row", "sheet")),
     Format(
@@ -107,7 +108,7 @@ def open_table(path: str | Path, options: ReadOptions | None = None) -> Table:
             if getattr(options, name) is not None and name not in format.takes:
                 raise RecordingError(f"{path}: is {format.name}, for which no {name.replace('_', ' ')} can be given")
         with warnings.catch_warnings(action="ignore"):  # of libraries
-            found = format.read(path, options)
+            found = format.read(path, *(getattr(options, name) for name in format.takes))
             table = found if isinstance(found, Table) else table_of(path, found)
     except RecordingError:
         raise

@@ -10,14 +10,13 @@ import numpy as np
 import pyarrow as pa
 from pyarrow.parquet import ParquetFile
 
-from piezo_model.recordings.options import ReadOptions
 from piezo_model.recordings.table import Column, Kind, RecordingError, Table, first_line
 
 BATCH_ROWS = 1 << 18
 BUFFER_BYTES = 1 << 18
 
 
-def open_parquet(path: Path, options: ReadOptions) -> Table:
+def open_parquet(path: Path) -> Table:
     """A Parquet file."""
     with ParquetFile(path) as file:
         schema, rows = file.schema_arrow, file.metadata.num_rows
@@ -32,7 +31,7 @@ def open_parquet(path: Path, options: ReadOptions) -> Table:
     return _table(path, "Parquet", schema, batches, rows)
 
 
-def open_stream(path: Path, options: ReadOptions) -> Table:
+def open_stream(path: Path) -> Table:
     """A stream of Arrow batches."""
     with pa.OSFile(str(path)) as source:
         schema = pa.ipc.open_stream(source).schema

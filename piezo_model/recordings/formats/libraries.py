@@ -23,10 +23,9 @@ from typing import Any
 
 import numpy as np
 
-from piezo_model.recordings.array_table import Arrays, table_of
-from piezo_model.recordings.options import ReadOptions
+from piezo_model.recordings.array_table import Arrays
 from piezo_model.recordings.stated_period import period_in, period_in_scalars
-from piezo_model.recordings.table import MOST_BYTES, RecordingError, Table, check_size
+from piezo_model.recordings.table import MOST_BYTES, RecordingError, check_size
 
 ATTRIBUTES = ("Unit", "Units", "unit", "units")
 """Names of the attribute with the unit; the last one present is used."""
@@ -37,12 +36,12 @@ letter or another object of Python."""
 PROPERTIES = ("unit_string", "NI_UnitDescription", "unit", "Unit")
 
 
-def open_npy(path: Path, options: ReadOptions) -> Table:
+def read_npy(path: Path) -> Arrays:
     """An array of rows and columns, or a structured array."""
-    return table_of(path, Arrays("NumPy", {"": np.load(path, mmap_mode="r", allow_pickle=False)}))
+    return Arrays("NumPy", {"": np.load(path, mmap_mode="r", allow_pickle=False)})
 
 
-def read_npz(path: Path, options: ReadOptions) -> Arrays:
+def read_npz(path: Path) -> Arrays:
     """Every array of an archive."""
     with zipfile.ZipFile(path) as parts:
         check_size(path, sum(part.file_size for part in parts.infolist()))
@@ -51,7 +50,7 @@ def read_npz(path: Path, options: ReadOptions) -> Arrays:
     return Arrays("NumPy", arrays, periods=period_in_scalars(arrays))
 
 
-def read_hdf5(path: Path, options: ReadOptions) -> Arrays:
+def read_hdf5(path: Path) -> Arrays:
     """List the datasets, which are read when they are asked for."""
     import h5py
 
@@ -116,7 +115,7 @@ def _unit(item: Any) -> str:
     return value.decode(errors="replace") if isinstance(value, bytes) else str(value)
 
 
-def read_matlab(path: Path, options: ReadOptions) -> Arrays:
+def read_matlab(path: Path) -> Arrays:
     """Every variable."""
     from scipy.io.matlab import loadmat, matfile_version, whosmat
 
@@ -186,7 +185,7 @@ def _matlab_arrays(path: str, value: Any, units: dict[str, str]) -> Iterator[tup
         yield path, np.asarray(value)
 
 
-def read_tdms(path: Path, options: ReadOptions) -> Arrays:
+def read_tdms(path: Path) -> Arrays:
     """The channels."""
     from nptdms import TdmsFile
     from nptdms.log import log_manager

@@ -14,7 +14,6 @@ from pathlib import Path
 from piezo_model.recordings.clock_cells import times
 from piezo_model.recordings.dialect import SEPARATORS
 from piezo_model.recordings.layout import Layout, layout_of
-from piezo_model.recordings.options import ReadOptions
 from piezo_model.recordings.table import Column, RecordingError, Table
 from piezo_model.recordings.text_rows import LINE, TextRows, end_of_rows
 
@@ -28,7 +27,7 @@ ENCODINGS = {"utf-8": "", "latin-1": " in Latin-1", "utf-16-le": " in UTF-16", "
 GCS_ENTRY = re.compile(r"#\s*([A-Z_]+\d*)\s*=\s*(.*?)\s*$", re.MULTILINE)
 
 
-def open_text(path: Path, options: ReadOptions) -> Table:
+def open_text(path: Path, header_row: int | None, decimal: str | None) -> Table:
     """Find encoding, dialect, header and the first and last row."""
     with path.open("rb") as file:
         head = file.read(HEAD_BYTES)
@@ -38,8 +37,7 @@ def open_text(path: Path, options: ReadOptions) -> Table:
     if not complete and len(lines) == 1:
         raise RecordingError(f"{path}: row 1 is longer than {HEAD_BYTES} bytes, which no row of a table is")
     lines = lines if complete else lines[:-1]
-    told = options.decimal, options.header_row
-    layout = layout_of(lines[:SAMPLE_LINES], *told) or layout_of(lines, *told)
+    layout = layout_of(lines[:SAMPLE_LINES], decimal, header_row) or layout_of(lines, decimal, header_row)
     if layout is None:
         raise RecordingError(f"{path}: {_no_table(lines)}")
     _refuse_ambiguous_commas(path, lines, layout)
@@ -60,11 +58,11 @@ def open_text(path: Path, options: ReadOptions) -> Table:
     return Table(path, form, layout.columns, rows.batches, rows.where, left_out, times, layout.unread_period)
 
 
-def open_gcs(path: Path, options: ReadOptions) -> Table:
+def open_gcs(path: Path, header_row: int | None, decimal: str | None) -> Table:
     """Rows like any text with comments; sampling period, names and units from the header."""
     with path.open("rb") as file:
         header = dict(GCS_ENTRY.findall(file.read(HEAD_BYTES).decode("latin-1")))
-    table = open_text(path, options)
+    table = open_text(path, header_row, decimal)
     try:
         period = float(header["SAMPLE_TIME"]) if "SAMPLE_TIME" in header else table.columns[0].sample_time
     except ValueError:

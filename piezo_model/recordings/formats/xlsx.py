@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from piezo_model.recordings.layout import layout_of
-from piezo_model.recordings.options import ReadOptions
-from piezo_model.recordings.table import RecordingError, Table, check_size
+from piezo_model.recordings.table import Column, RecordingError, RowName, Table, check_size
 
 DAY_US = 86400e6
 MOST_CELLS = 20_000_000
@@ -19,7 +18,7 @@ LARGE, DENSEST = 10_000_000, 30
 """Bytes of a part of a workbook, and its compression beyond which it is no table: numbers are compressed ninefold."""
 
 
-def open_workbook(path: Path, options: ReadOptions) -> Table:
+def open_workbook(path: Path, header_row: int | None, sheet: str | None) -> Table:
     """The largest table of a workbook, or that of the sheet that is named, read like a text: header, units and first
     row are found in the same way."""
     import openpyxl
@@ -30,18 +29,16 @@ def open_workbook(path: Path, options: ReadOptions) -> Table:
         check_size(path, sum(part.file_size for part in archive.infolist()))
     with path.open("rb") as file:  # opened here, since openpyxl checks the suffix of a name
         book = openpyxl.load_workbook(file, read_only=True, data_only=True)
-        names = [sheet.title for sheet in book.worksheets]
-        if options.sheet is not None and options.sheet not in names:
-            raise RecordingError(
-                f"{path}: has no sheet {options.sheet!r}; its sheets are {', '.join(map(repr, names))}"
-            )
-        sheets = _rows(path, [sheet for sheet in book.worksheets if options.sheet in (None, sheet.title)])
+        names = [each.title for each in book.worksheets]
+        if sheet is not None and sheet not in names:
+            raise RecordingError(f"{path}: has no sheet {sheet!r}; its sheets are {', '.join(map(repr, names))}")
+        sheets = _rows(path, [each for each in book.worksheets if sheet in (None, each.title)])
     found = []
     for name, rows in sheets.items():
         # many cells can refer to one long text, and each letter is looked at many times
         check_size(path, sum(100 * len(cell) for row in rows[:1000] for cell in row if isinstance(cell, str)))
         lines = ["\t".join(map(_text, row)) for row in rows[:1000]]
-        layout = layout_of(lines, ".", options.header_row)
+        layout = layout_of(lines, ".", header_row)
         if layout is not None and layout.dialect.separator == "\t":
             found.append((len(rows) * len(layout.columns), name, layout))
     if not found:
@@ -51,19 +48,12 @@ def open_workbook(path: Path, options: ReadOptions) -> Table:
     while rows and not any(isinstance(cell, int | float) for cell in rows[-1]):
         rows.pop()
     columns = tuple(replace(column, rows=len(rows)) for column in layout.columns)
-    values = [_values([row[k] for row in rows], column.kind) for k, column in enumerate(columns)]
 
     def where(row: int) -> str:
         return f"row {layout.start + row + 1} of sheet {name!r}"
 
     def batches(at: Sequence[int]) -> Iterator[list[Any]]:
-        for column, read in ((columns[k], values[k]) for k in at):
-            if isinstance(read, tuple):
-                row, cell = read
-                raise RecordingError(
-                    f"{path}: column {column.name!r} holds {cell} in {where(row)}, where a {column.kind} is needed"
-                )
-        yield [values[k] for k in at]
+        yield [_values(path, [row[k] for row in rows], columns[k], where) for k in at]
 
     form = f"Excel, sheet {name!r}" + ("" if layout.header is None else f", header in row {layout.header + 1}")
     return Table(path, form, columns, batches, where)
@@ -86,17 +76,20 @@ def _rows(path: Path, sheets: Sequence[Any]) -> dict[str, list[tuple[Any, ...]]]
     return found
 
 
-def _values(cells: list[Any], kind: str) -> Any:
-    """An array of a column, or the first row and cell that is not of its kind."""
+def _values(path: Path, cells: list[Any], column: Column, where: RowName) -> np.ndarray:
+    """An array of a column; RecordingError for a cell that is not of its kind."""
     from openpyxl.utils.datetime import to_excel
 
-    values = np.full(len(cells), "NaT", "m8[us]") if kind == "clock" else np.full(len(cells), np.nan)
-    for row, cell in enumerate(cells if kind in ("number", "clock") else ()):
+    clock = column.kind == "clock"
+    values = np.full(len(cells), "NaT", "m8[us]") if clock else np.full(len(cells), np.nan)
+    for row, cell in enumerate(cells if column.kind in ("number", "clock") else ()):
         try:
             if cell not in (None, ""):
-                values[row] = round(to_excel(cell) * DAY_US) if kind == "clock" else float(cell)
+                values[row] = round(to_excel(cell) * DAY_US) if clock else float(cell)
         except (AttributeError, TypeError, ValueError):
-            return row, repr(cell)
+            raise RecordingError(
+                f"{path}: column {column.name!r} holds {cell!r} in {where(row)}, where a {column.kind} is needed"
+            ) from None
     return values
 
 
