@@ -114,7 +114,7 @@ def rate_bound(events: ArrayLike, samples: ArrayLike) -> Any:
 
     Examples
     --------
-    >>> round(rate_bound(0, 2995), 6)
+    >>> round(float(rate_bound(0, 2995)), 6)
     0.001
     >>> rate_bound([0, 1], [100, 100]).round(4)
     array([0.0295, 0.0466])
