@@ -13,7 +13,7 @@ from piezo_model.identification.adequacy import Adequacy
 from piezo_model.identification.creep import Determined, Drift
 from piezo_model.identification.drive import Drive
 from piezo_model.identification.dynamics import DynamicsFinding
-from piezo_model.identification.error_model import Certificate, Offset, Solving
+from piezo_model.identification.error_model import Certificate, Solving
 from piezo_model.identification.fit_errors import Fit
 from piezo_model.identification.selection import Selection
 from piezo_model.identification.sensor_lag import Lag
@@ -53,7 +53,6 @@ class FitReport:
     certificate: Certificate | None
     lag: Lag | None
     dynamics: DynamicsFinding | None
-    offset: Offset | None
     start: str
     parts: Sequence[Mapping[str, Any]]
     drive: Drive
@@ -149,9 +148,6 @@ class FitReport:
                 f"The {who} drifts by {self.drift.per_s:.2g} {shown(s.output_unit)}/s{why}; this is no part of the "
                 f"model, and without it the RMS error is {percent(self.drift.rms_percent)} of the range.",
             )
-        if self.offset is not None and self.offset.is_significant:
-            gain = self.offset.error_without_offset_percent - self.offset.error_percent
-            yield gain, self.offset.sentence(s.input_unit)
         if self.dynamics is not None:
             without, behind = self.dynamics.held_out_percent
             for sentence in self.dynamics.sentences():
@@ -162,12 +158,10 @@ class FitReport:
     def _facts(self, s: ModelStructure) -> Iterator[str]:
         """Further sentences of the page."""
         rates, unreached = ", ".join(f"{rate:g}" for rate in s.creep_rates), ", ".join(self.excitation.unreached)
-        slight_offset = self.offset is not None and not self.offset.is_significant
         slight_lag = self.lag is not None and not self.lag.is_significant
         for applies, sentence in (
             (True, self._drive_sentence),
             (self.start in STARTS, STARTS.get(self.start)),
-            (slight_offset, self.offset and self.offset.sentence(s.input_unit)),
             (slight_lag, self.lag and self.lag.sentence(s.sample_time)),
             (
                 self.determined.creep is not None and self.creep_chosen,
