@@ -94,7 +94,6 @@ class FitReport:
         cause = " as a switch-on transient" * (fit.skipped_max_percent > FAR_MORE * fit.max_percent)
         for applies, error, sentence in (
             (verdict.refusal, 1e3, f"The model was forced although {verdict.refusal}."),
-            (verdict.left_out, 1e3, f"The model is without dynamics although {verdict.left_out}."),
             (
                 s.negative_gain,
                 200.0,

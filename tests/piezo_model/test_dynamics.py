@@ -190,27 +190,6 @@ def test_the_longest_lag_and_the_shortest_one_can_be_compensated() -> None:
         np.testing.assert_array_equal(bank.run(reference[:, None])[:, 0], Compensator(model).run(reference))
 
 
-def test_a_resonance_too_fast_for_the_sampling_rate_is_refused_with_what_to_do() -> None:
-    x = np.repeat(steps(20_000, 3)[::200], 80)
-    y = through_modes(0.1 * x, [(4200.0, 0.01, 1.0)], 0.0)
-    y += 0.01 * np.random.default_rng(4).standard_normal(x.size)
-    why = "a resonance at 4200 Hz, above 35 % of the sampling rate; record faster:"
-    with pytest.raises(IdentificationError, match=why):
-        identify(Recording.from_arrays(x, y, T))
-
-
-@pytest.mark.sample(2)
-@pytest.mark.parametrize("hold_s", [0.02, 0.05])
-@pytest.mark.parametrize(("frequency", "damping"), [(3700.0, 0.01), (4500.0, 0.03)])
-def test_a_resonance_above_what_the_sampling_supports_is_named_for_long_holds(
-    frequency: float, damping: float, hold_s: float
-) -> None:
-    x = steps(SIZE, 6, hold_s)
-    y = recorded("relay_preisach", x, [(frequency, damping, 1.0)], 0.0, 0.02)
-    with pytest.raises(IdentificationError, match=rf"a resonance at {frequency:g} Hz, above 35 %"):
-        identify(Recording.from_arrays(x, y, T))
-
-
 def test_a_known_resonance_is_fitted_with_the_weights() -> None:
     model, x = ringing(creep_rates=()), a_drive()
     state = OperatorState.settled_at(model.structure, x[0])
