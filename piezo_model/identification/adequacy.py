@@ -17,8 +17,7 @@ from piezo_model.identification.direction import is_monotonic, swapped
 from piezo_model.identification.error_model import Solving
 from piezo_model.identification.fit_errors import Baseline, Fit, cross_validate, residual, rms
 from piezo_model.identification.forward import ForwardFit
-from piezo_model.identification.start import HEAD
-from piezo_model.identification.transient import first_motion
+from piezo_model.identification.start import HEAD, first_motion
 from piezo_model.recordings import Recording
 from piezo_model.units import percent, quantity
 from solvers.arrays import Matrix, Vector

@@ -11,8 +11,7 @@ import numpy as np
 
 from piezo_model.identification.error_model import Solving, one_thread
 from piezo_model.identification.forward import EXACT
-from piezo_model.identification.start import USUAL, prepare, structure_of, y_range
-from piezo_model.identification.transient import first_motion
+from piezo_model.identification.start import USUAL, first_motion, prepare, structure_of, y_range
 from piezo_model.recordings import Recording, RecordingError
 from piezo_model.recordings.evidence import REASONS, TOO_FEW, level_count
 from piezo_model.structure import SMALLEST

@@ -14,8 +14,7 @@ import piezo_model
 from piezo_model.identification.dynamics_parameters import Parameters
 from piezo_model.identification.error_model import Solving, States, counted_from, one_thread
 from piezo_model.identification.forward import NUDGE, Columns, ForwardFit, fit_forward, simulate
-from piezo_model.identification.start import initial_segment, start_of
-from piezo_model.identification.transient import longest_transient, transient
+from piezo_model.identification.start import initial_segment, longest_transient, start_of, transient
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
 from piezo_model.simulation import Arrays
