@@ -1,6 +1,6 @@
 """The sign of the output, a switch-on transient, and the states before the first sample, which no recording contains.
 
-The initial states of a part are a memory curve (`memory_curve`). The state of a play is visible until the drive has
+The initial states of a part are a memory curve. The state of a play is visible until the drive has
 erased it, so nearly every sample contributes. Four curves are compared by the error of the output of their forward fits
 (`forward`): at rest, dz/dr = 0; after a long ascent, −1; after a long descent, 1; and searched, with the slopes as
 further unknowns of the best of these. Rest is left only for a clear gain, since one more unknown always fits a little
@@ -22,9 +22,8 @@ from piezo_model.identification.error_model import (
     accumulate,
     counted_from,
 )
-from piezo_model.identification.forward import Columns, ForwardFit, fit_forward
+from piezo_model.identification.forward import Columns, ForwardFit, fit_forward, state_with_slopes
 from piezo_model.identification.gram_matrix import GRAM_SAMPLES
-from piezo_model.identification.memory_curve import state_with_slopes
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
