@@ -238,7 +238,7 @@ class HysteresisCreepModel(Immutable):
         [0.0, 0.75, 0.25]
         """
         if _is_recording(x):
-            from piezo_model.identification.known_start import simulated  # which uses this class
+            from piezo_model.identification.validation import simulated  # which uses this class
 
             return simulated(self, x, state)
         state = self.initial_state() if state is None else state
