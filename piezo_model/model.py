@@ -238,7 +238,7 @@ class HysteresisCreepModel(Immutable):
         [0.0, 0.75, 0.25]
         """
         if _is_recording(x):
-            from piezo_model.identification.known_start import simulated  # which uses this class
+            from piezo_model.identification.validation import simulated  # which uses this class
 
             return simulated(self, x, state)
         state = self.initial_state() if state is None else state
@@ -318,7 +318,7 @@ class HysteresisCreepModel(Immutable):
     def warning(self) -> str:
         """What speaks against a forced model, one without the dynamics of the stage, or one with a delay at another
         sampling period; "" for any other model."""
-        left_out = self.report.get("left_out") or (self.left_out and f"the stage has {self.left_out}")
+        left_out = self.left_out and f"the stage has {self.left_out}"
         reasons = {"was forced": self.report.get("refusal"), "is without dynamics": left_out}
         sentences = [f"The model {how} although {why}." for how, why in reasons.items() if why is not None]
         now, own = self.structure.sample_time, self.report.get("sample_time_s")

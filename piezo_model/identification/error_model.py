@@ -3,9 +3,8 @@
 Its error (5) is one of the input, x + Ξ(x, y)ᵀw, linear in the weights; `forward` minimises that of the output.
 """
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -16,7 +15,6 @@ from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
-from piezo_model.units import percent, quantity
 from solvers.arrays import Mask, Matrix, Vector
 from solvers.certificate import certify, exact_cost_gap
 
@@ -104,27 +102,6 @@ class Certificate:
     """None if that was not decided."""
 
 
-@dataclass(frozen=True)
-class Offset:
-    """The constant term b in units of the input, and the error (5) with and without it. An offset of the sensor and an
-    asymmetry of the loops both contribute to it."""
-
-    value: float
-    error_percent: float
-    error_without_offset_percent: float
-
-    @property
-    def is_significant(self) -> bool:
-        """Whether the constant lowers the error by more than two per cent of itself."""
-        return self.error_percent < 0.98 * self.error_without_offset_percent
-
-    def sentence(self, unit: str) -> str:
-        """The constant in words, and what it is good for if that shows."""
-        without, behind = percent(self.error_without_offset_percent), percent(self.error_percent)
-        gain = f"; without it the RMS error of the drive is {without} instead of {behind}" if without != behind else ""
-        return f"Constant term b = {quantity(self.value, unit, 3)}, input-referred{gain}."
-
-
 def prove(problem: IdentificationProblem, w: Vector) -> Certificate:
     """Distance of the weights (d,) from the optimum, proven in exact arithmetic."""
     form = problem.form()
@@ -132,17 +109,3 @@ def prove(problem: IdentificationProblem, w: Vector) -> Certificate:
     certificate = certify(form.qp, z)
     gap = exact_cost_gap(form.qp, certificate, z, form.c)
     return Certificate(gap.relative, gap.violation, certificate.unique)
-
-
-def error_percent(problem: IdentificationProblem, w: Vector) -> float:
-    """RMS of the error (5), per cent of the input's range."""
-    return 100.0 * math.sqrt(max(2.0 * problem.cost(w), 0.0)) / (problem.excitation.x_max - problem.excitation.x_min)
-
-
-def offset(problem: IdentificationProblem, solving: Solving, w: Vector) -> Offset:
-    """The constant term of the optimum w, with the error (5) of the optimum without it."""
-    s = problem.structure
-    without = replace(
-        problem, structure=replace(s, offset=False), P=problem.P[:-1, :-1].copy(), q=problem.q[:-1].copy()
-    )
-    return Offset(float(w[-1]) * s.x_scale, error_percent(problem, w), error_percent(without, solving.optimum(without)))

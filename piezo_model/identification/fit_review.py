@@ -10,8 +10,7 @@ from scipy.signal import welch
 
 from piezo_model.identification.error_model import Solving, accumulate, counted_from
 from piezo_model.identification.forward import simulate
-from piezo_model.identification.known_start import start_and_transient
-from piezo_model.identification.validation import Validation
+from piezo_model.identification.validation import Validation, start_and_transient
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.recordings import Recording

@@ -13,13 +13,15 @@ noise of the sensor biases it however long the recording is, and ŷ has none.
 With dynamics, ŷ in Ξ and s is the output before them, and the columns of J pass them too; their parameters are further
 unknowns, with derivatives by differences of the simulated output.
 
-The slopes dz/dr of the initial states of a part over the thresholds may be unknowns too. A play or a creep state
-depends on its own initial state alone, so the derivatives by all of them are the differences of the rows after a nudge
-to all. Further columns, such as a drift, are added to the output.
+The initial states of a part are a memory curve: play states z over their thresholds r start at the input, z(0) = x,
+with |dz/dr| ≤ 1, and keep what the past has left. Its slopes may be unknowns too. A play or a creep state depends on
+its own initial state alone, so the derivatives by all of them are the differences of the rows after a nudge to all.
+Further columns, such as a drift, are added to the output.
 
 ŷ and the cost are those of all samples; the Gram matrix needs fewer (`gram_matrix`).
 
-Source: J. Nocedal and S. J. Wright, Numerical Optimization, 2nd edition 2006, section 10.3, for Gauss–Newton.
+Sources: J. Nocedal and S. J. Wright, Numerical Optimization, 2nd edition 2006, section 10.3, for Gauss–Newton;
+M. Brokate and J. Sprekels, Hysteresis and Phase Transitions, 1996, section 2.3, for the memory curve.
 """
 
 from __future__ import annotations
@@ -36,9 +38,8 @@ from piezo_model.identification.autocorrelation import autocorrelation_time, ind
 from piezo_model.identification.dynamics_parameters import STEP, Parameters
 from piezo_model.identification.error_model import Solving, States
 from piezo_model.identification.gram_matrix import gram_of
-from piezo_model.identification.memory_curve import initial_slopes, state_with_slopes
 from piezo_model.identification_problem import IdentificationProblem
-from piezo_model.operator_state import OperatorState
+from piezo_model.operator_state import OperatorState, padded_thresholds
 from piezo_model.recordings import Recording
 from piezo_model.simulation import (
     Arrays,
@@ -151,6 +152,24 @@ def piece_slopes(s: ModelStructure, v: Vector, unit_y: Vector) -> Vector:
     """Slope of S⁻¹ in the piece of each output, shape (N,)."""
     r = np.array(s.dead_zone_thresholds)
     return np.asarray(v[s.slices[1]][np.searchsorted(np.delete(r, s.middle), unit_y)])
+
+
+def initial_slopes(s: ModelStructure, state: OperatorState) -> Vector:
+    """Slopes dz/dr of the play states over the thresholds, shape (n,), from −1 to 1."""
+    return np.asarray(np.clip(np.diff(state.play[: s.n + 1]) / np.diff(s.thresholds), -1.0, 1.0))
+
+
+def state_with_slopes(part: Recording, s: ModelStructure, slopes: Vector | float) -> OperatorState:
+    """States of a memory curve with slopes dz/dr that begins at the first input of a part; creep rests with the plays.
+
+    A play too wide for the drive rests in the middle, where the drive does not move it.
+    """
+    low, high = s.unit_input(np.array([part.x.min(), part.x.max()]))
+    first, half = float(s.unit_input(part.x[:1])[0]), 0.5 * (high - low)
+    r, play = padded_thresholds(s), np.full(s.lanes, first)
+    play[1 : s.n + 1] += np.cumsum(np.diff(s.thresholds) * slopes)
+    play = np.where(r >= half, 0.5 * (low + high), play)
+    return OperatorState(play, np.tile(play, len(s.creep_rates)))
 
 
 def simulate(

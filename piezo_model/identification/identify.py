@@ -32,7 +32,6 @@ from piezo_model.identification.error_model import (
     Solving,
     accumulate,
     counted_from,
-    offset,
     one_thread,
     prove,
 )
@@ -147,8 +146,8 @@ def identify(
     Returns
     -------
     HysteresisCreepModel
-        With ``.start`` and ``.report``: fit, baseline, excitation, certificate, lag, offset, creep, drift, figures of a
-        data sheet with intervals, sentences about them, and the ``digest`` of the recording.
+        With ``.start`` and ``.report``: fit, baseline, excitation, certificate, lag, creep, drift, figures of a data
+        sheet with intervals, sentences about them, and the ``digest`` of the recording.
         Its structure is inverted if the output falls as the input rises.
 
     Raises
@@ -352,7 +351,6 @@ def _reported(
         certificate=None if straight else prove(problem, final.optimal),
         lag=lag,
         dynamics=fitting.separated.finding,
-        offset=offset(problem, solving, final.optimal) if s.offset else None,
         start=prepared.starts[0],
         parts=[{"first_sample": first, "start": how, **state.to_dict(s)} for first, how, state in starts][1:],
         drive=drive_of(recording, prepared.skip, determined),

@@ -1,8 +1,7 @@
 """The report of an identification, in numbers and in sentences.
 
 Errors are those of the output over the counted samples, as a share of the output's full range. A headline comes first,
-then the findings in order of the errors that they cause. What each finding says of itself is beside it, where it is
-found.
+then the findings in a written order. What each finding says of itself is beside it, where it is found.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,7 +12,7 @@ from piezo_model.identification.adequacy import Adequacy
 from piezo_model.identification.creep import Determined, Drift
 from piezo_model.identification.drive import Drive
 from piezo_model.identification.dynamics import DynamicsFinding
-from piezo_model.identification.error_model import Certificate, Offset, Solving
+from piezo_model.identification.error_model import Certificate, Solving
 from piezo_model.identification.fit_errors import Fit
 from piezo_model.identification.selection import Selection
 from piezo_model.identification.sensor_lag import Lag
@@ -32,6 +31,8 @@ FIGURES = {
     "creep_percent_per_decade": "creep",
     "offset": "offset",
 }
+MOST = 7
+"""Most findings; further ones are said on the page."""
 FAR_MORE = 3.0
 """Smallest ratio of the largest errors of skipped and counted samples that indicates a transient."""
 
@@ -53,7 +54,6 @@ class FitReport:
     certificate: Certificate | None
     lag: Lag | None
     dynamics: DynamicsFinding | None
-    offset: Offset | None
     start: str
     parts: Sequence[Mapping[str, Any]]
     drive: Drive
@@ -67,8 +67,7 @@ class FitReport:
 
     def to_dict(self, s: ModelStructure) -> dict[str, Any]:
         """Numbers and sentences for JSON."""
-        findings = [sentence for _, sentence in sorted(self._findings(s), key=lambda finding: -finding[0])]
-        headline = self.fit.headline(s.output_unit)
+        findings, headline = [*self._findings(s)], self.fit.headline(s.output_unit)
         apart = ("solving", "adequacy", "determined", "creep_chosen", "selection")
         own = {name: asdict(v) if is_dataclass(v) else v for name, v in vars(self).items() if name not in apart}  # type: ignore[arg-type]
         return {
@@ -79,7 +78,7 @@ class FitReport:
             "headline": headline,
             "drive": {**own["drive"], "sentence": self._drive_sentence},
             "creep": self.determined.to_dict(s.creep_rates, self.creep_chosen),
-            "findings": findings,
+            "findings": findings[:MOST],
             "advice": list(self._advice()),
             "sentences": [*filter(None, (headline, self.units)), *findings, *self._facts(s)],
         }
@@ -88,86 +87,70 @@ class FitReport:
     def _drive_sentence(self) -> str:
         return self.drive.sentence(self.drive.creep and self.determined.is_clear)
 
-    def _findings(self, s: ModelStructure) -> Iterator[tuple[float, str]]:
-        """The important sentences, each with the error that its cause adds or would add, per cent of the range."""
+    def _findings(self, s: ModelStructure) -> Iterator[str]:
+        """The important sentences, the most important first."""
         fit, verdict = self.fit, self.adequacy
         creep = self.determined.sentence(s.creep_rates, self.creep_chosen)
         cause = " as a switch-on transient" * (fit.skipped_max_percent > FAR_MORE * fit.max_percent)
-        for applies, error, sentence in (
-            (verdict.refusal, 1e3, f"The model was forced although {verdict.refusal}."),
-            (verdict.left_out, 1e3, f"The model is without dynamics although {verdict.left_out}."),
+        for applies, sentence in (
+            (verdict.refusal, f"The model was forced although {verdict.refusal}."),
             (
                 s.negative_gain,
-                200.0,
                 "The output falls as the input rises; model, inverse and compensator have that sign.",
             ),
             (
                 not verdict.hysteresis,
-                150.0,
                 "No hysteresis: the data lie on a single curve, which a line describes to "
                 f"{percent(fit.line_percent)}, a cubic to {percent(fit.cubic_percent)} and this model to "
                 f"{percent(fit.rms_percent)}.",
             ),
             (
-                fit.skipped,
-                fit.skipped_max_percent,
-                f"The first {fit.skipped} samples ({quantity(fit.skipped * s.sample_time, 's', 3)}) are excluded"
-                f"{cause}; the error there reaches {percent(fit.skipped_max_percent)}.",
-            ),
-            (
                 fit.samples < fit.skipped,
-                100.0,
                 f"Only {fit.samples} of {fit.samples + fit.skipped} samples are counted, too few to rely on.",
             ),
             (
                 verdict.monotonic_drive,
-                90.0,
                 "The counted part is almost a single branch: the drive hardly reverses, so hysteresis can "
                 "barely be separated from curvature.",
             ),
+            (creep, creep),
             (
                 self.drive.levels,
-                80.0,
                 f"The drive has {self.drive.levels} levels and hardly anything between them, where the model is a "
                 "guess; record steps between many levels.",
             ),
             (
+                fit.skipped,
+                f"The first {fit.skipped} samples ({quantity(fit.skipped * s.sample_time, 's', 3)}) are excluded"
+                f"{cause}; the error there reaches {percent(fit.skipped_max_percent)}.",
+            ),
+            (
                 verdict.spikes,
-                verdict.spike_percent,
                 f"The output has spikes in {verdict.spikes} sample{'s' * (verdict.spikes > 1)}, of up to "
                 f"{percent(verdict.spike_percent)} of the range; they are counted as if the stage moved.",
             ),
-            (creep, 85.0, creep),
         ):
             if applies:
-                yield error, sentence
+                yield sentence
         if self.drift is not None:
             clear = self.determined.is_clear
             who, why = ("sensor", "") if clear else ("output", ", as by creep or a drift of the sensor")
             yield (
-                fit.rms_percent - self.drift.rms_percent + 1.0,
                 f"The {who} drifts by {self.drift.per_s:.2g} {shown(s.output_unit)}/s{why}; this is no part of the "
-                f"model, and without it the RMS error is {percent(self.drift.rms_percent)} of the range.",
+                f"model, and without it the RMS error is {percent(self.drift.rms_percent)} of the range."
             )
-        if self.offset is not None and self.offset.is_significant:
-            gain = self.offset.error_without_offset_percent - self.offset.error_percent
-            yield gain, self.offset.sentence(s.input_unit)
         if self.dynamics is not None:
-            without, behind = self.dynamics.held_out_percent
-            for sentence in self.dynamics.sentences():
-                yield abs(without - behind), sentence
+            yield from self.dynamics.sentences()
         if self.lag is not None and self.lag.is_significant:
-            yield self.lag.error_without_lag_percent - self.lag.error_percent, self.lag.sentence(s.sample_time)
+            yield self.lag.sentence(s.sample_time)
 
     def _facts(self, s: ModelStructure) -> Iterator[str]:
         """Further sentences of the page."""
         rates, unreached = ", ".join(f"{rate:g}" for rate in s.creep_rates), ", ".join(self.excitation.unreached)
-        slight_offset = self.offset is not None and not self.offset.is_significant
         slight_lag = self.lag is not None and not self.lag.is_significant
         for applies, sentence in (
             (True, self._drive_sentence),
             (self.start in STARTS, STARTS.get(self.start)),
-            (slight_offset, self.offset and self.offset.sentence(s.input_unit)),
             (slight_lag, self.lag and self.lag.sentence(s.sample_time)),
             (
                 self.determined.creep is not None and self.creep_chosen,

@@ -18,8 +18,7 @@ from piezo_model.identification.dynamics import ORDERS, Separated, Trials, found
 from piezo_model.identification.dynamics_parameters import LONGEST, Parameters
 from piezo_model.identification.error_model import Solving
 from piezo_model.identification.forward import Columns, ForwardFit
-from piezo_model.identification.start import USUAL, Prepared
-from piezo_model.identification.transient import first_motion
+from piezo_model.identification.start import USUAL, Prepared, first_motion
 from piezo_model.recordings import Recording
 from piezo_model.units import quantity
 from solvers.arrays import Vector

@@ -1,10 +1,11 @@
 """The sign of the output, a switch-on transient, and the states before the first sample, which no recording contains.
 
-The initial states of a part are a memory curve (`memory_curve`). The state of a play is visible until the drive has
+The initial states of a part are a memory curve. The state of a play is visible until the drive has
 erased it, so nearly every sample contributes. Four curves are compared by the error of the output of their forward fits
 (`forward`): at rest, dz/dr = 0; after a long ascent, −1; after a long descent, 1; and searched, with the slopes as
 further unknowns of the best of these. Rest is left only for a clear gain, since one more unknown always fits a little
-better. Creep rests with the plays. Samples of a transient are skipped (`transient`).
+better. Creep rests with the plays. Samples of a transient are skipped: first samples that no start explains, whose
+error is far larger than all later ones.
 """
 
 import math
@@ -21,10 +22,8 @@ from piezo_model.identification.error_model import (
     accumulate,
     counted_from,
 )
-from piezo_model.identification.forward import Columns, ForwardFit, fit_forward
+from piezo_model.identification.forward import Columns, ForwardFit, fit_forward, state_with_slopes
 from piezo_model.identification.gram_matrix import GRAM_SAMPLES
-from piezo_model.identification.memory_curve import state_with_slopes
-from piezo_model.identification.transient import first_motion, index_after_travel, longest_transient, transient
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
@@ -41,6 +40,16 @@ NARROWER, FLAT = 0.005, 0.1
 """Smallest narrowing of the output's range that is followed, and smallest range left, as shares of it."""
 USUAL = 5, 3
 """Orders n and m of a first fit."""
+MOVED = 0.01
+"""Largest range of a resting drive, as a share of its whole range."""
+TRANSIENT_SHARE = 0.1
+"""Longest transient, as a share of the recording."""
+FAR_MORE, NOTABLE = 4.0, 0.03
+"""Smallest ratio of a transient's error to the largest later one, and its smallest error as a share of the range."""
+LARGER = 1.5
+"""Smallest ratio of the error at the end of a transient to the largest later one."""
+SPOILED = 3.0
+"""Smallest ratio of the later errors of fits with and without the first samples that shows these to be a transient."""
 
 
 def structure_of(recording: Recording, n: int, m: int, creep_rates: Sequence[float] = ()) -> ModelStructure:
@@ -256,3 +265,40 @@ def y_range(recording: Recording, skip: int) -> tuple[float, float]:
     """Range of the output after the first ``skip`` samples."""
     y = recording.y[skip:]
     return float(y.min()), float(y.max())
+
+
+def first_motion(recording: Recording, skip: int) -> int:
+    """Index of the first sample after ``skip`` at which the drive is no longer at rest; the length of the recording if
+    it stays at rest."""
+    return index_after_travel(recording, MOVED * (recording.x_range[1] - recording.x_range[0]), skip)
+
+
+def index_after_travel(recording: Recording, span: float, skip: int = 0) -> int:
+    """Index of the first sample at which the drive has covered a span since ``skip``; the length of the recording if it
+    never does."""
+    x = recording.x[skip:]
+    covered = np.flatnonzero(np.maximum.accumulate(x) - np.minimum.accumulate(x) >= span)
+    return skip + int(covered[0]) if covered.size else recording.length
+
+
+def longest_transient(recording: Recording) -> int:
+    """Largest number of samples at the start that may be a transient; 0 if the drive does not move after them."""
+    longest = int(TRANSIENT_SHARE * recording.parts[0].stop)
+    return longest if longest and first_motion(recording, longest) < recording.length else 0
+
+
+def transient(whole: Vector, later: Vector, longest: int) -> int:
+    """Number of first samples that the fit of the later ones does not describe; 0 if the fit of the whole describes
+    them and all others. The errors (N,) of both are shares of one range."""
+    whole, later = np.abs(whole), np.abs(later)
+    spoiled = float(np.max(whole[longest:])) > SPOILED * float(np.max(later[longest:]))
+    return transient_end(later, longest) if spoiled or transient_end(whole, longest) else 0
+
+
+def transient_end(error: Vector, longest: int) -> int:
+    """Number of samples in a transient of at most ``longest``, whose error, as a share of the range, is far larger than
+    all later ones; 0 for none."""
+    later = float(np.max(error[longest:]))
+    if np.max(error[:longest], initial=0.0) <= max(FAR_MORE * later, NOTABLE):
+        return 0
+    return int(np.flatnonzero(error[:longest] > LARGER * later)[-1]) + 1

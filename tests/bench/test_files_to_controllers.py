@@ -91,7 +91,7 @@ def test_a_falling_output_gives_the_controllers_of_the_negated_data(piezobench: 
         np.testing.assert_array_equal(falling, rising)
 
 
-WARNING = "The model was forced although the output is noise that does not follow the drive"
+WARNING = "The model was forced although the model class does not describe these data"
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +104,7 @@ def desk(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> P
     write_table(folder / "wish.csv", {"time_s": k[:500] * SAMPLE_TIME, "reference_um": 0.1 * np.sin(k[:500] / 100)})
     words = ("identify", "noise.csv", "--out", "model.json", "--n", 2, "--m", 1)
     refusal = piezobench(*words, folder=folder).refusal
-    assert "noise.csv: the output is noise that does not follow the drive" in refusal
+    assert "noise.csv: the model class does not describe these data" in refusal
     assert not (folder / "model.json").exists()
     call = piezobench.run(*words, "--force", folder=folder)
     assert WARNING in " ".join(call.stdout.split())

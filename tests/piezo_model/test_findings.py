@@ -1,7 +1,6 @@
 """Sentences about an identification have the digits that make a difference."""
 
 from piezo_model.identification.dynamics import DynamicsFinding
-from piezo_model.identification.error_model import Offset
 
 
 def resonance(low: float, high: float, amplifier_lag_s: float = 0.0) -> list[str]:
@@ -30,8 +29,3 @@ def test_the_interval_of_a_frequency_has_enough_digits_or_is_left_out() -> None:
 def test_the_lag_of_an_amplifier_is_said_beside_the_delay() -> None:
     assert "interval, and the amplifier lags by 200 µs; in a first fit" in resonance(119.0, 121.0, 2e-4)[-1]
     assert "interval; in a first fit" in resonance(119.0, 121.0)[-1]
-
-
-def test_an_offset_is_said_to_lower_the_error_only_if_the_figures_differ() -> None:
-    assert "is 0.9 % instead of 0.2 %" in Offset(1.0, 0.2, 0.9).sentence("V")
-    assert Offset(1.0, 0.2101, 0.2102).sentence("V") == "Constant term b = 1 V, input-referred."
