@@ -111,18 +111,6 @@ def test_the_workflow_of_a_solvers_author_fails_when_the_solver_takes_more_time_
             assert done.stdout.splitlines()[-1].startswith("Wrong: my_solver (direct) ") == (name != "right")
 
 
-def test_the_comparison_of_versions_on_the_page_is_that_of_the_runs_beside_the_reference(
-    piezobench: CommandLine, tmp_path: Path
-) -> None:
-    pattern = r'^``` title="piezobench compare results/versions/daqp-{(.*?)}-avx512 .*?"\n(.*?)^```'
-    ((versions, shown),) = re.findall(pattern, READING, re.DOTALL | re.MULTILINE)
-    runs = [ROOT / "results" / "versions" / f"daqp-{version}-avx512" for version in versions.split(",")]
-    assert len(runs) == 3
-    printed = piezobench.run("compare", *runs, "--out", tmp_path / "same").stdout
-    findings = re.findall(r"^daqp-\S+ against .*?\.$", printed, re.DOTALL | re.MULTILINE)
-    assert "\n".join(findings) == shown.rstrip()
-
-
 def test_the_defect_that_the_page_on_certificates_names_is_there(capfd: pytest.CaptureFixture[str]) -> None:
     library("casadi")
     page = (ROOT / "docs" / "certificates.md").read_text(encoding="utf-8")
