@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-CEILINGS = {"bench": 7356, "piezo_model": 6867, "solvers": 2363, "tests": 14877, "C": 3734}
+CEILINGS = {"bench": 6988, "piezo_model": 6603, "solvers": 2343, "tests": 14458, "C": 3730}
 """Most Python statements of each folder, docstrings not counted, and most semicolons of C."""
 APART = re.compile(r"/\*.*?\*/|//[^\n]*|\"(?:\\.|[^\"\\])*\"|'(?:\\.|[^'\\])*'", re.DOTALL)
 """Comments and literals of C."""
