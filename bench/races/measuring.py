@@ -95,18 +95,19 @@ def timed(
 def scheduled(child: SolverChild, task: Task, form: CertifiedForm, fresh: FreshData) -> Outcome:
     """Run a task on the schedule, as many samples at once as fit into a message. Waiting takes processor time, so that
     the child's clock is not checked."""
-    outcome, blocks, ends = set_up(child, task, form), list[Outcome](), range(0, fresh.count, fresh.calls_at_once)
+    outcome, blocks = set_up(child, task, form), list[Outcome]()
     if outcome.failure:
         return outcome
-    for first in ends:
+    for first in range(0, fresh.count, fresh.calls_at_once):
         P, q = fresh.block(first, min(first + fresh.calls_at_once, fresh.count))
         block = child.ask(Further(task.key, TimedSolver.scheduled, (P, q)))
         if block.failure:
             return block
         sample, n = block.times.get("sample", np.zeros(0, dtype=np.int64)), len(block.answers)
-        shapes = {name: ns.shape for name, ns in block.times.items()}
-        if shapes != dict.fromkeys(("update", "solve", "sample"), (n,)) | {"response": (len(q),)} or not (
-            sample.min(initial=0) >= 0 and sample.max(initial=0) < len(q) and (np.diff(sample) > 0).all()
+        shapes = {"answers": block.answers.shape, **{name: ns.shape for name, ns in block.times.items()}}
+        if (
+            shapes != {"answers": (n, q.shape[1]), "update": (n,), "solve": (n,), "sample": (n,), "response": (len(q),)}
+            or not (np.diff(sample, prepend=-1, append=len(q)) > 0).all()
         ):
             return Outcome("tampered", "its process sent an answer that was not requested")
         blocks.append(replace(block, times={**block.times, "sample": sample + first}))
