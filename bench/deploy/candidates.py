@@ -146,11 +146,6 @@ class Candidate:
             )
         if not self.samples:
             return "has no times"
-        if self.judged < ENOUGH:
-            return (
-                f"was judged on {self.judged} timed answers to a problem, and it takes {ENOUGH} without a miss to show "
-                f"a rate of misses of at most {MOST_MISSES:.0%}; race it with a larger --budget"
-            )
         if self.is_late:
             return "is late on the schedule of 8 kHz more often than the machine itself"
         if self.own_misses[0] > rule.misses:
@@ -169,6 +164,11 @@ class Candidate:
             require_setting(self.setting, self.solver, self.lane)
         except ValueError:
             return "was raced at a setting that its ladder no longer has, so race it again"
+        if self.judged < ENOUGH:
+            return (
+                f"was judged on {self.judged} timed answers to a problem, and it takes {ENOUGH} without a miss to show "
+                f"a rate of misses of at most {MOST_MISSES:.0%}; race it with a larger --budget"
+            )
         return ""
 
     def metrics(self) -> dict[str, Any]:

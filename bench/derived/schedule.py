@@ -2,7 +2,8 @@
 
 Late answers come in bouts, since a delay of the machine makes one sample after the other late; so bouts (runs of late
 samples) are compared with those of the null solver, the machine itself: their rates have a ratio with a 95 % interval.
-A solver is late if the whole interval is above 1. If the machine itself misses too many deadlines, nothing is known.
+A solver is late if the whole interval is above 1, or if it is late at most samples, which are one long bout. If the
+machine itself misses too many deadlines, nothing is known.
 """
 
 import math
@@ -50,14 +51,14 @@ def on_schedule(measurements: Measurements) -> pd.DataFrame:
         us, floor = np.concatenate([*part.ns]) / 1e3, floors.loc[line["scaling"]]
         low, high = rate_ratio(line["bouts"], line["due"], int(floor.bouts), int(floor.due))
         known = {name: percentile(us, q).value or math.nan for name, q in QUANTILES.items()}
-        schedule = UNKNOWN if floor.late > TOLERATED * floor.due else LATE if low > 1.0 else KEPT
+        is_late, is_busy = low > 1.0 or np.median(us) > PERIOD_US, floor.late > TOLERATED * floor.due
         is_floor = line["solver"] == FLOOR
         figures.append(
             {
                 **known,
                 "longest": float(us.max()),
                 "beside": "–" if is_floor else f"{number(low)} to {number(high)}",
-                "schedule": FLOOR_LINE if is_floor else schedule,
+                "schedule": FLOOR_LINE if is_floor else UNKNOWN if is_busy else LATE if is_late else KEPT,
             }
         )
     table = table.join(pd.DataFrame(figures, columns=[*QUANTILES, "longest", "beside", "schedule"]))
@@ -89,5 +90,6 @@ NOTE = (
     "continues with the newest due sample. Response time: from the due time of a sample to the end of the first solve "
     f"that includes it. An answer is late above {PERIOD_US:g} µs, and a bout is a run of late answers. Floor: a solver "
     "that answers at once, the machine itself. A solver is late if the whole 95 % interval of the ratio of the rates "
-    "of bouts is above 1. Every lane, the kernel's too, is called from Python for each sample."
+    "of bouts is above 1, or if its median response is late. Every lane, the kernel's too, is called from Python for "
+    "each sample."
 )

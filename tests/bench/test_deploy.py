@@ -401,10 +401,10 @@ def test_the_file_holds_the_decision_and_its_evidence(piezobench: CommandLine, w
 
 @pytest.mark.slow
 def test_a_solver_of_a_users_file_is_not_deployed_however_good(piezobench: CommandLine, tmp_path: Path) -> None:
-    race = raced(piezobench, tmp_path, "run", "--scaling", "scaled", "--solver", slowed_solver.write(tmp_path, 1.0))
+    more = ("--solver", slowed_solver.write(tmp_path, 1.0), "--budget", 0.02)
     words = ("--deadline", 1e6, "--misses", 10**6, "--accuracy", 1, "--lane", "direct")
-    call = piezobench.run("deploy", race.run.path, "--simulated", *words)
-    output = " ".join(call.stdout.split())
+    run = raced(piezobench, tmp_path, "run", "--scaling", "scaled", *more).run
+    output = " ".join(piezobench.run("deploy", run.path, "--simulated", *words).stdout.split())
     assert re.search(r"Chosen: (daqp|osqp) \(", output)
     assert re.search(
         r"Not qualified: slowed \(direct, .*\) comes from a solver file of your own or an older version, and a "

@@ -79,20 +79,23 @@ def test_the_report_says_who_keeps_the_schedule_and_times_on_it_are_no_hot_times
 
 
 @pytest.mark.parametrize(
-    ("machine", "bouts", "expected"), [(0, 0, KEPT), (2, 5, KEPT), (0, 40, LATE), (60, 60, UNKNOWN)]
+    ("machine", "bouts", "us", "expected"),
+    [(0, 0, 5, KEPT), (2, 5, 5, KEPT), (0, 40, 5, LATE), (2, 1, 500, LATE), (60, 60, 5, UNKNOWN)],
 )
-def test_a_solver_is_late_if_its_bouts_are_more_frequent_than_those_of_the_machine(
-    machine: int, bouts: int, expected: str
+def test_a_solver_is_late_if_its_bouts_are_more_frequent_than_those_of_the_machine_or_it_is_late_at_most_samples(
+    machine: int, bouts: int, us: int, expected: str
 ) -> None:
     rows, times = [], []
     for solver, count in (("null", machine), ("daqp", bouts)):
         one = row(solver=solver, timed="scheduled", due=3000, late=count, bouts=count, samples=3000)
         rows.append(one)
         times.append({**{name: one[name] for name in ("task", "timed", "repeat")}, "what": "response"})
-    found = Measurements(pd.DataFrame(rows), pd.DataFrame(times).assign(ns=[np.full(3000, 5_000)] * 2))
+    found = Measurements(
+        pd.DataFrame(rows), pd.DataFrame(times).assign(ns=[np.full(3000, 5_000), np.full(3000, 1000 * us)])
+    )
     table = on_schedule(found)
     assert table.set_index("solver").schedule.to_dict() == {"null": FLOOR_LINE, "daqp": expected}
-    assert table["p99.9"].tolist() == [5.0, 5.0]
+    assert table["p99.9"].tolist() == [5.0, us]
     (sentence,) = sentences(table)
     assert ("cannot say" in sentence) == (expected == UNKNOWN)
 
