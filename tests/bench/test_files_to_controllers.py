@@ -36,8 +36,8 @@ def test_a_file_without_a_header_gives_the_model_of_the_same_data_in_a_clean_fil
         )
     )
     models = {}
-    for name in ("clean.csv", "kept.txt"):
-        piezobench.run("identify", name, "--out", f"{name}.json", folder=tmp_path)
+    for name, columns in (("clean.csv", ()), ("kept.txt", ("--input", 4, "--output", 3))):
+        piezobench.run("identify", name, *columns, "--out", f"{name}.json", folder=tmp_path)
         models[name] = HysteresisCreepModel.load(tmp_path / f"{name}.json")
     kept, clean = models["kept.txt"], models["clean.csv"]
     fit = kept.report["fit"]

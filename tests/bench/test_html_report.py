@@ -184,7 +184,7 @@ def test_names_with_markup_and_script_are_shown_as_text(browser: Browser, wide_r
     run = wide_race.copied(folder, evil, machine={"warnings": [EVIL]}, field={EVIL: EVIL})
     browser.open(written(run))
     assert browser.console() == []
-    assert browser.run("return document.title") == f"One-shot race {folder.name}"
+    assert browser.run("return document.title") == f"Race {folder.name}"
     assert browser.run("return document.querySelectorAll('main img, header img').length") == 0
     assert NAME in column(browser, "solver")
     assert any(
