@@ -138,7 +138,7 @@ class Candidate:
         return f"{marked(self.solver)} ({self.lane}{label and f', {label}'})"
 
     def failing(self, rule: Rule) -> str:
-        """Why it does not qualify, or "". Having few calls is no reason."""
+        """Why it does not qualify, or "". Few calls are no reason as long as enough of their answers were judged."""
         if not self.margin:
             return (
                 f"has a cost gap or violation above {rule.accuracy:g} on {self.problems - self.right} of "

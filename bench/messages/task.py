@@ -27,7 +27,7 @@ if TYPE_CHECKING:  # a child needs tasks and no model
     from piezo_model.identification_problem import Scaling
 
 Row = dict[str, Any]
-"""A row of a task; every kind of race adds its own columns to those that identify the task."""
+"""A row of a task: what identifies it, and what was measured."""
 Start = Literal["cold", "warm", "line"]
 """Whether a solve starts from nothing, from the optimum of the previous problem, or from the straight line through the
 ranges, with which a self-learning compensator begins."""
