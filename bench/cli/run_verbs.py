@@ -48,7 +48,7 @@ def compare_verb(
     context: typer.Context,
     runs: Annotated[
         list[Path],
-        typer.Argument(metavar="RUN_A RUN_B", help="Folders of runs; each is compared with the first."),
+        typer.Argument(metavar="RUN RUN [RUN …]", help="Folders of runs; each is compared with the first."),
     ],
     out: Annotated[
         Path | None,
@@ -74,7 +74,10 @@ def compare_verb(
     seed: Seed = 0,
     as_json: AsJson = False,
 ) -> None:
-    """Compare runs: which solvers became faster, slower, more or less accurate; or two versions of one solver.
+    """Show runs side by side, and which solvers became faster, slower, more or less accurate; or two versions of one.
+
+    Rows meet by the data of the problem, its scaling and start, solver, lane and settings, whatever names and files are
+    called, and whatever version a solver has; runs without a row in common are refused.
 
     Times of a solver lane differ only if the change exceeds the noise between the runs. Where a change that matters
     could have gone unseen, the comparison says so.
@@ -84,27 +87,21 @@ def compare_verb(
         refuse(context, ("out",), "is for runs; a comparison of versions prints its result")
         raise typer.Exit(_compare_versions(runs, problem_set, seed, smallest, fail_on, as_json))
     refuse(context, ("problem_set", "seed"), "needs --versions")
-    require(len(runs) >= 2, "RUN_A RUN_B", "a comparison needs two runs or more")
+    require(len(runs) >= 2, "RUN RUN", "a comparison needs two runs or more")
     opened = [open_run(path) for path in runs]
     with progress_bar() as progress:
-        comparisons = []
-        for done, other in enumerate(opened[1:]):
-            progress(f"{other.path.name} against {opened[0].path.name}", done, len(opened) - 1)
-            comparisons.append(compare_runs(opened[0], other, smallest))
-        progress("writing the page", len(comparisons), len(comparisons))
-        names = "-".join(run.path.resolve().name for run in opened)
-        found = comparison_report.report(comparisons)
-        page = comparison_report.write(
-            comparisons, found, runs[-1].resolve().parent / f"compare-{names}" if out is None else out
-        )
+        progress("comparing", 0, 2)
+        compared = compare_runs(opened, smallest)
+        progress("writing the page", 1, 2)
+        found, names = comparison_report.report(compared), "-".join(run.path.resolve().name for run in opened)
+        beside = runs[-1].resolve().parent / f"compare-{names}"
+        page = comparison_report.write(compared, found, beside if out is None else out)
     files = ["", words.OURS_NOTE, f"Comparison: {page}"]
     there = [line for run in opened for line in machine.elsewhere(f"The run {run.path.name}", run.machine_names)]
     below = lines_of([*found.notes, *dict.fromkeys(there)])
-    print_report(found, comparison_report.to_dict(comparisons), as_json, below, files)
-    bad = sum(
-        comparison.differences if fail_on == "difference" else comparison.regressions for comparison in comparisons
-    )
-    if fail_on != "nothing" and (bad or any(comparison.cannot_tell for comparison in comparisons)):
+    print_report(found, comparison_report.to_dict(compared), as_json, below, files)
+    bad = sum(each.differences if fail_on == "difference" else each.regressions for each in compared.each)
+    if fail_on != "nothing" and (bad or any(each.cannot_tell for each in compared.each)):
         raise typer.Exit(FAILED if bad else CANNOT_TELL)
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import t as student
 
-from bench.comparison.compare import CANNOT_TELL, FASTER, SAME, SLOWER
+from bench.comparison.compare import SAME, finding
 from bench.messages.task import Progress, RaceError, Task, default_setting, silent
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import RaceProblem
@@ -86,18 +86,10 @@ def compare_versions(
         math.exp(mean),
         math.exp(mean - half),
         math.exp(mean + half),
-        _finding(mean - half, mean + half, math.log(smallest)),
+        SAME if abs(mean) + half < math.log(smallest) else finding(mean - half, mean + half, 0.0, smallest),
         (float(first), float(second)),
         (float(worst[0]), float(worst[1])),
     )
-
-
-def _finding(low: float, high: float, matters: float) -> str:
-    if max(-low, high) < matters:
-        return SAME
-    if low > 0.0 or high < 0.0:
-        return SLOWER if low > 0.0 else FASTER
-    return CANNOT_TELL
 
 
 def _timed(
