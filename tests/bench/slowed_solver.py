@@ -2,14 +2,14 @@
 
 from pathlib import Path
 
-SOURCE = '''"""Clarabel with a wait: each call takes {factor} times as long."""
+SOURCE = '''"""Quadprog with a wait: each call takes {factor} times as long."""
 
 from time import perf_counter_ns
 
-from solvers.direct.clarabel import Clarabel
+from solvers.direct.quadprog import Quadprog
 
 
-class Slowed(Clarabel):
+class Slowed(Quadprog):
     """The solver with a wait, and one setting beside its default: it takes turns at the same one in every race."""
 
     name = "slowed"

@@ -493,17 +493,17 @@ class Broken(Clarabel):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("factor", "findings", "status"),
-    [(1.0, {"no difference"}, 0), (2.0, {"slower"}, 3)],
+    ("factor", "smallest", "finding", "status"),
+    [(1.0, 1.5, SAME, 0), (1.3, 1.2, SLOWER, 3)],
 )
 def test_a_slower_version_is_found_and_the_same_version_is_not(
-    piezobench: CommandLine, tmp_path: Path, factor: float, findings: set[str], status: int
+    piezobench: CommandLine, tmp_path: Path, factor: float, smallest: float, finding: str, status: int
 ) -> None:
     a, b = (slowed_solver.write(tmp_path / name, times) for name, times in (("a", 1.0), ("b", factor)))
-    words = ("compare", "--versions", a, b, "--smallest", 1.5, "--fail-on", "regression")
+    words = ("compare", "--versions", a, b, "--smallest", smallest, "--fail-on", "regression")
     said = piezobench(*words, "--json")
     found = json.loads(said.stdout)
-    assert (found["finding"], said.status) in {(finding, status) for finding in findings}
+    assert (found["finding"], said.status) == (finding, status)
     assert found["low"] < found["ratio"] < found["high"]
     assert found["gap"][0] == found["gap"][1] > 0.0
 
@@ -532,6 +532,30 @@ def test_a_version_that_is_wrong_is_a_regression_however_fast(
     assert call.status == 3
     assert f"{wrong} is less accurate than {right}." in " ".join(call.stdout.split())
     assert "less accurate" not in piezobench.run("compare", "--versions", right, right, *words).stdout
+
+
+@pytest.fixture(scope="module")
+def edited_races(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Races of one file with a solver, edited between them."""
+    folder, words = tmp_path_factory.mktemp("edited"), ("--limit", 1, "--budget", 0.002, "--solver", "daqp")
+    for name, change in (("before", ""), ("same", " + 0.0"), ("wrong", " * 1.0001"), ("nan", " * float('nan')")):
+        (folder / "wrong.py").write_text(WRONG.format(change=f"super().solve(){change}"))
+        files = ("--solver", folder / "wrong.py", "--set", "paper", "--lane", "direct", "--out", folder, "--name", name)
+        assert piezobench("race", *words, *files).status == (name in ("wrong", "nan"))
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("name", "status", "says"), [("same", 4, "no difference"), ("wrong", 3, "tiers are lost"), ("nan", 3, "lane fails")]
+)
+def test_an_edited_file_meets_its_version_before_and_is_judged(
+    piezobench: CommandLine, edited_races: Path, name: str, status: int, says: str
+) -> None:
+    words = (edited_races / "before", edited_races / name, "--out", edited_races / "c", "--fail-on", "regression")
+    call = piezobench("compare", *words)
+    assert (call.status, says in " ".join(call.stdout.split())) == (status, True)
+    assert "WARNING: Different solvers: wrong (direct) is" in call.stdout
+    assert "Only " not in call.stdout
 
 
 def test_versions_that_cannot_be_compared_are_refused(piezobench: CommandLine, tmp_path: Path) -> None:
