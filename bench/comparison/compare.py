@@ -62,9 +62,8 @@ ENOUGH_LANES, FEW_DEVIATE = 5, 0.04
 """Number of solver lanes from which D is estimated, and what it is at least for fewer: the D of interleaved times
 between two runs of the default race on a quiet machine was 1.7 to 4.3 % in ten pairs, and that of hot ones 1.3 to
 2.6 %."""
-DRAWS = 1_000
-CHANCE = 1e-3
-"""Probability below which misses do not fall on one run by chance."""
+DRAWS, CHANCE = 1_000, 1e-3
+"""Number of bootstrap samples, and the probability below which misses do not fall on one run by chance."""
 FAILURES = {*Status} - {Status.OK, Status.UNSUPPORTED, Status.NOT_RUN}
 SLOWER, FASTER, SAME, CANNOT_TELL = "slower", "faster", "no difference", "cannot tell"
 BLOCK = ["timed", "digest", "scaling"]
@@ -169,17 +168,20 @@ def compare_runs(runs: Sequence[Run], smallest: float = SMALLEST) -> Comparisons
 
 def joinable(found: Measurements) -> pd.DataFrame:
     """The rows of the field that were run, by JOIN, with the logarithm of the median time of update and solve for each
-    way of timing, NaN for too few calls; of a problem that is in two sets the first row counts."""
+    way of timing, NaN for too few calls. Of a problem that is in two sets the first row counts. A default that is no
+    rung of the ladder is taken for its first, so that it may reach a tier."""
     rows, fewest = found.field, Effort().fewest
     lanes = pd.MultiIndex.from_frame(rows[SOLVER_LANE])
     defaults = dict(zip(lanes[rows.is_default], rows.setting[rows.is_default], strict=True))
     asked = [beyond(setting, defaults.get(lane, "{}")) for setting, lane in zip(rows.setting, lanes, strict=True)]
-    calls = {timed: [found.pooled([task], timed) for task in rows.task] for timed in (HOT, INTERLEAVED)}
     levels = {
-        timed: [math.log(max(np.median(us), 1e-3)) if us.size >= fewest else math.nan for us in of_tasks]
-        for timed, of_tasks in calls.items()
+        timed: [
+            math.log(max(np.median(us), 1e-3)) if us.size >= fewest else math.nan
+            for us in (found.pooled([task], timed) for task in rows.task)
+        ]
+        for timed in (HOT, INTERLEAVED)
     }
-    rows = rows.assign(settings=asked, **levels)[rows.status != Status.NOT_RUN]
+    rows = rows.assign(settings=asked, rung=rows.rung + 1, **levels)[rows.status != Status.NOT_RUN]
     return rows.drop_duplicates(JOIN).set_index(JOIN)
 
 
@@ -191,8 +193,8 @@ def beyond(setting: str, default: str) -> str:
     >>> beyond('{"eps": 1e-9, "verbose": false}', '{"verbose": false}')
     '{"eps": 1e-09}'
     """
-    fixed = decoded(default, dict[str, Any]).items()
-    return setting_text(dict(each for each in decoded(setting, dict[str, Any]).items() if each not in fixed))
+    asked, fixed = (decoded(text, dict[str, Any]).items() for text in (setting, default))
+    return setting_text(dict(each for each in asked if each not in fixed))
 
 
 def in_common(runs: Sequence[Run], tables: Sequence[pd.DataFrame]) -> list[pd.DataFrame]:
@@ -201,8 +203,10 @@ def in_common(runs: Sequence[Run], tables: Sequence[pd.DataFrame]) -> list[pd.Da
     common = set[tuple[str, ...]]()
     for count, name in enumerate(JOIN, 1):
         if not (common := set.intersection(*({key[:count] for key in table.index} for table in tables))):
-            paths = " and ".join(str(run.path) for run in runs)
-            raise RunError(f"{paths} have no row in common: rows meet by {joined(JOIN)}, and these differ in {name}")
+            raise RunError(
+                f"{joined(str(run.path) for run in runs)} have no row in common: rows meet by {joined(JOIN)}, and "
+                f"these differ in {name}"
+            )
     rows = [table.loc[sorted(common)] for table in tables]
     return [each.assign(**rows[0][["problem_set", "problem", "setting", "rung"]]).reset_index() for each in rows]
 
@@ -225,20 +229,19 @@ def side_by_side(found: Sequence[Measurements], rows: Sequence[pd.DataFrame]) ->
     rows : sequence of DataFrame
         The rows of each that all have.
     """
-    settings, form, parts = _with_defaults(rows[0]), ["digest", "scaling"], []
+    settings, form, parts = tier_settings(rows[0]), ["digest", "scaling"], []
     settings = settings[(settings.tier == Tier.HIGH) & (settings.scaling == rows[0].scaling.max())]
     for run, (measured, part) in enumerate(zip(found, rows, strict=True), 1):
         here = at_tiers(part[part.start == "cold"], settings, "furthest").query(f"tier == {str(Tier.HIGH)!r}")
         floor = measured.rows.query(f"solver == {FLOOR!r} and start == 'cold'").groupby(form).answer_us.first()
-        yard = here.query(f"solver == {YARDSTICK!r}").set_index([*form, "lane"]).answer_us
+        yard = here[here.solver == YARDSTICK].set_index([*form, "lane"]).answer_us
         here = here.join(floor.rename("floor_us"), on=form).join(yard.rename("yard_us"), on=[*form, "lane"])
-        here = here.assign(
-            run=run,
+        shown = here.assign(
             iterations=here.iterations.where(here.iterations >= 0),
             to_floor=here.answer_us / here.floor_us,
             to_yardstick=here.answer_us / here.yard_us,
         )
-        parts.append(combined(here, SHOWN, [*SOLVER_LANE, "run"]))
+        parts.append(combined(shown, SHOWN, SOLVER_LANE).assign(run=run))
     return pd.concat(parts, ignore_index=True)
 
 
@@ -262,11 +265,10 @@ def compare_times(pairs: pd.DataFrame, smallest: float) -> tuple[pd.DataFrame, p
     """
     keys = [pairs[name] for name in [*BLOCK, *SOLVER_LANE]]
     own = (pairs.level_b - pairs.level_a).groupby(keys).median()
-    machine = own.groupby(level=BLOCK).median()
     lanes = (own - own.groupby(level=BLOCK).transform("median")).groupby(level=["timed", *SOLVER_LANE])
     field = pd.DataFrame(
         {
-            "factor": np.exp(machine.groupby(level="timed").median()),
+            "factor": np.exp(own.groupby(level=BLOCK).median().groupby(level="timed").median()),
             "deviation": lanes.median().groupby(level="timed").agg(_deviation),
         }
     )
@@ -289,8 +291,8 @@ def interval(values: np.ndarray, deviation: float, chance: np.random.Generator) 
     """Interval I_l of a lane from its e_lu; infinite for too few problems or lanes."""
     if values.size < FEWEST_PROBLEMS or not math.isfinite(deviation):
         return -math.inf, math.inf
-    medians = np.median(values[chance.integers(0, values.size, (DRAWS, values.size))], axis=1)
-    low, high = np.quantile(medians, (0.025, 0.975))
+    drawn = values[chance.integers(0, values.size, (DRAWS, values.size))]
+    low, high = np.quantile(np.median(drawn, axis=1), (0.025, 0.975))
     return float(low) - WIDER * deviation, float(high) + WIDER * deviation
 
 
@@ -309,23 +311,16 @@ def finding(low: float, high: float, deviation: float, smallest: float) -> str:
 
 def lost_tiers(a: pd.DataFrame, b: pd.DataFrame) -> pd.DataFrame:
     """LANE and ``tier`` of the tiers that rows a reach and rows b, the same tasks in the same order, do not."""
-    both = _with_defaults(a).merge(_with_defaults(b), on=[*LANE, "tier"], suffixes=("", "_b"))
-    found = both[(both.setting != "") & (both.setting_b == "")].to_dict("records")
-    return pd.DataFrame(
-        [[line[name] for name in (*LANE, "tier")] for line in found if _is_lost(a, b, line)], columns=[*LANE, "tier"]
-    )
-
-
-def _with_defaults(rows: pd.DataFrame) -> pd.DataFrame:
-    """The settings of tiers; the default is one, the loosest, if it is no rung."""
-    return tier_settings(rows.assign(rung=rows.rung + 1))
+    both = tier_settings(a).merge(tier_settings(b), on=[*LANE, "tier"], suffixes=("", "_b"))
+    both = both[(both.setting != "") & (both.setting_b == "")]
+    return both.loc[[_is_lost(a, b, line) for line in both.to_dict("records")], [*LANE, "tier"]]
 
 
 def _is_lost(a: pd.DataFrame, b: pd.DataFrame, line: Mapping[Hashable, object]) -> bool:
-    tier = Tier(str(line["tier"]))
-    here = (a[[*LANE, "setting"]] == [line[name] for name in (*LANE, "setting")]).all(axis=1) & (a.start == "cold")
+    names, tier = [*LANE, "setting"], Tier(str(line["tier"]))
+    here = (a[names] == [line[name] for name in names]).all(axis=1) & (a.start == "cold")
     a, b = a[here], b[here]
-    answers = b.assign(timed_gap=math.nan, timed_violation=math.nan, timed_stage_excess=math.nan)
     misses = b[MISSES[tier]] if tier in MISSES else 0
     by_chance = np.prod(hypergeom.pmf(misses, a.judged + b.judged, b.judged, misses))
-    return bool((right(a, tier) & ~right(answers, tier)).any() or by_chance < CHANCE)
+    first = b.assign(timed_gap=math.nan, timed_violation=math.nan, timed_stage_excess=math.nan)
+    return bool((right(a, tier) & ~right(first, tier)).any() or by_chance < CHANCE)

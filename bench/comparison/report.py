@@ -17,6 +17,7 @@ from bench.report.report import Report, Table
 from bench.report.words import OURS_NOTE, joined, marked, solver_lanes
 from bench.report.writing import write_report
 from bench.store import Run
+from bench.timing import machine
 from piezo_model.atomic_file import write_text
 
 FORMAT, VERSION = "piezobench-comparison", 5
@@ -58,9 +59,9 @@ DEFINITIONS = (
 
 def report(compared: Comparisons) -> Report:
     """Report of comparisons with the same first run."""
-    lines, each = _lines(compared), compared.each
+    each, runs = compared.each, compared.runs
     page, terminal = (
-        Table.of("Runs side by side", lines, columns, 2, filters=("run", "lane"))
+        Table.of("Runs side by side", _lines(compared), columns, 2, filters=("run", "lane"))
         for columns in (COLUMNS, COLUMNS[:-2])  # a terminal has no room
     )
     return Report(
@@ -70,20 +71,24 @@ def report(compared: Comparisons) -> Report:
             *(sentence for comparison in each for sentence in sentences(comparison)),
         ],
         page,
-        notes=[note for comparison in each for note in notes(comparison)],
+        notes=[
+            *(note for comparison in each for note in notes(comparison)),
+            *(line for run in runs for line in machine.elsewhere(f"The run {run.path.name}", run.machine_names)),
+        ],
         definitions=DEFINITIONS,
-        environment=[(run.path.name, str(run.path)) for run in compared.runs],
+        environment=[(run.path.name, str(run.path)) for run in runs],
         terminal=terminal,
-        title="Comparison of " + ", ".join(run.path.name for run in compared.runs),
+        title="Comparison of " + ", ".join(run.path.name for run in runs),
     )
 
 
 def in_common(compared: Comparisons) -> str:
     """What the runs share, with their numbers in the table."""
-    names = joined(f"{run.path.name} ({number})" for number, run in enumerate(compared.runs, 1))
     problems, lanes = (len(compared.common[of].drop_duplicates()) for of in (["digest"], SOLVER_LANE))
-    count = f"{problems} problem{'s' if problems > 1 else ''}"
-    return f"{names} have {count}, {solver_lanes(lanes)} and {len(compared.common)} rows in common."
+    return (
+        f"{joined(f'{run.path.name} ({number})' for number, run in enumerate(compared.runs, 1))} have {problems} "
+        f"problem{'s' if problems > 1 else ''}, {solver_lanes(lanes)} and {len(compared.common)} rows in common."
+    )
 
 
 def write(compared: Comparisons, report: Report, folder: Path) -> Path:
@@ -191,8 +196,11 @@ def warnings(comparison: Comparison) -> list[str]:
         ]
         for what, of in first.items()
     }
-    more = {what: f"; {len(told) - MOST_TOLD} more" if len(told) > MOST_TOLD else "" for what, told in differ.items()}
-    return [f"Different {what}: {'; '.join(told[:MOST_TOLD])}{more[what]}." for what, told in differ.items() if told]
+    told = {
+        what: [*those[:MOST_TOLD], *([f"{len(those) - MOST_TOLD} more"] if len(those) > MOST_TOLD else [])]
+        for what, those in differ.items()
+    }
+    return [f"Different {what}: {'; '.join(those)}." for what, those in told.items() if those]
 
 
 def _conditions(run: Run) -> dict[str, Mapping[str, str]]:

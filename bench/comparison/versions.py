@@ -80,8 +80,7 @@ def compare_versions(
     us = np.reshape(times, (PAIRS, len(problems), 2, BLOCKS))
     theta = np.median(np.median(np.log(us[:, :, 1] / us[:, :, 0]), axis=2), axis=1)
     mean, half = float(np.mean(theta)), float(student.ppf(0.975, PAIRS - 1) * np.std(theta, ddof=1) / PAIRS**0.5)
-    first, second = np.median(np.median(us, axis=3), axis=(0, 1))
-    worst = np.max(gaps, axis=0)
+    (first, second), worst = np.median(np.median(us, axis=3), axis=(0, 1)), np.max(gaps, axis=0)
     return VersionComparison(
         math.exp(mean),
         math.exp(mean - half),
