@@ -503,7 +503,7 @@ def test_an_edited_file_meets_its_version_before_and_is_judged(
     words = (edited_races / "before", edited_races / name, "--out", edited_races / "c", "--fail-on", "regression")
     call = piezobench("compare", *words)
     assert (call.status, "Only " in call.stdout) == (status, False)
-    assert re.search(f"WARNING: Different solvers: wrong.direct. is .*{says}", " ".join(call.stdout.split()))
+    assert re.search(f"WARNING: Different solvers: wrong .direct. is .*{says}", " ".join(call.stdout.split()))
 
 
 def test_versions_that_cannot_be_compared_are_refused(piezobench: CommandLine, tmp_path: Path) -> None:

@@ -401,16 +401,14 @@ def test_the_file_holds_the_decision_and_its_evidence(piezobench: CommandLine, w
 
 @pytest.mark.slow
 def test_a_solver_of_a_users_file_is_not_deployed_however_good(piezobench: CommandLine, tmp_path: Path) -> None:
-    race = raced(piezobench, tmp_path, "run", "--scaling", "scaled", "--solver", slowed_solver.write(tmp_path, 1.0))
+    own = slowed_solver.write(tmp_path, 1.0)
+    race = raced(piezobench, tmp_path, "run", "--scaling", "scaled", "--solver", own, "--budget", 0.02)
     words = ("--deadline", 1e6, "--misses", 10**6, "--accuracy", 1, "--lane", "direct")
     call = piezobench.run("deploy", race.run.path, "--simulated", *words)
-    output = " ".join(call.stdout.split())
-    assert re.search(r"Chosen: (daqp|osqp) \(", output)
     assert re.search(
-        r"Not qualified: slowed \(direct\) comes from a solver file of your own or an older version, and a "
-        r"compensator can start only "
-        r"solvers that are installed with piezobench\.",
-        output,
+        r"Chosen: (daqp|osqp) \(.*Not qualified: slowed \(direct\) comes from a solver file of your own or an older "
+        r"version, and a compensator can start only solvers that are installed with piezobench\.",
+        " ".join(call.stdout.split()),
     )
 
 
