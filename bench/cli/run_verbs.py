@@ -48,7 +48,7 @@ def compare_verb(
     context: typer.Context,
     runs: Annotated[
         list[Path],
-        typer.Argument(metavar="RUN_A RUN_B", help="Folders of runs; each is compared with the first."),
+        typer.Argument(metavar="RUN", help="Folders of two runs or more; each is compared with the first."),
     ],
     out: Annotated[
         Path | None,
@@ -74,37 +74,31 @@ def compare_verb(
     seed: Seed = 0,
     as_json: AsJson = False,
 ) -> None:
-    """Compare runs: which solvers became faster, slower, more or less accurate; or two versions of one solver.
+    """Show runs side by side, and which solvers became faster, slower, more or less accurate; or two versions.
 
-    Times of a solver lane differ only if the change exceeds the noise between the runs. Where a change that matters
-    could have gone unseen, the comparison says so.
+    Rows meet by the data of the problem, its scaling and start, solver, lane and settings, whatever names, files and
+    versions are; runs without a row in common are refused. Times differ only if the change exceeds the noise between
+    the runs, and where a change that matters could have gone unseen, the comparison says so.
     """
     require(smallest > 1.0, "--smallest", f"a change of times is a ratio above 1, and not {smallest:g}")
     if versions:
         refuse(context, ("out",), "is for runs; a comparison of versions prints its result")
         raise typer.Exit(_compare_versions(runs, problem_set, seed, smallest, fail_on, as_json))
     refuse(context, ("problem_set", "seed"), "needs --versions")
-    require(len(runs) >= 2, "RUN_A RUN_B", "a comparison needs two runs or more")
+    require(len(runs) >= 2, "RUN", "a comparison needs two runs or more")
     opened = [open_run(path) for path in runs]
     with progress_bar() as progress:
-        comparisons = []
-        for done, other in enumerate(opened[1:]):
-            progress(f"{other.path.name} against {opened[0].path.name}", done, len(opened) - 1)
-            comparisons.append(compare_runs(opened[0], other, smallest))
-        progress("writing the page", len(comparisons), len(comparisons))
-        names = "-".join(run.path.resolve().name for run in opened)
-        found = comparison_report.report(comparisons)
-        page = comparison_report.write(
-            comparisons, found, runs[-1].resolve().parent / f"compare-{names}" if out is None else out
+        progress("comparing", 0, 1)
+        compared = compare_runs(opened, smallest)
+        found, name = (
+            comparison_report.report(compared),
+            "-".join(["compare", *(run.path.resolve().name for run in opened)]),
         )
-    files = ["", words.OURS_NOTE, f"Comparison: {page}"]
-    there = [line for run in opened for line in machine.elsewhere(f"The run {run.path.name}", run.machine_names)]
-    below = lines_of([*found.notes, *dict.fromkeys(there)])
-    print_report(found, comparison_report.to_dict(comparisons), as_json, below, files)
-    bad = sum(
-        comparison.differences if fail_on == "difference" else comparison.regressions for comparison in comparisons
-    )
-    if fail_on != "nothing" and (bad or any(comparison.cannot_tell for comparison in comparisons)):
+        page = comparison_report.write(compared, found, runs[-1].resolve().parent / name if out is None else out)
+    below, files = lines_of(dict.fromkeys(found.notes)), ["", words.OURS_NOTE, f"Comparison: {page}"]
+    print_report(found, comparison_report.to_dict(compared), as_json, below, files)
+    bad = sum(each.differences if fail_on == "difference" else each.regressions for each in compared.each)
+    if fail_on != "nothing" and (bad or any(each.cannot_tell for each in compared.each)):
         raise typer.Exit(FAILED if bad else CANNOT_TELL)
 
 
@@ -112,7 +106,7 @@ def _compare_versions(
     files: list[Path], problem_set: str, seed: int, smallest: float, fail_on: str, as_json: bool
 ) -> int:
     """Print the comparison of two versions; returns the exit status."""
-    require(len(files) == 2, "RUN_A RUN_B", "two versions are compared, A.py and B.py")
+    require(len(files) == 2, "RUN", "two versions are compared, A.py and B.py")
     with progress_bar() as progress:
         of_set = list(problems.make(problem_set, seed).problems())
         found = versions.compare_versions(files, of_set, smallest, seed, progress)

@@ -1,7 +1,12 @@
-"""Comparison of two runs: solver lanes that became slower or faster, and tiers that they lost or gained.
+"""Comparison of runs: solver lanes that became slower or faster, and tiers that they lost or gained.
 
-Only measurements that both runs have are compared, at equal settings. With r the logarithm of the time of update and
-solve in run b over that in run a, l a solver lane and u a problem in one scaling:
+Rows meet by JOIN: the digest of the problem, whatever its name or file, its scaling and start, the solver and its lane,
+and what the setting asks for beyond the defaults of its version. So a default meets a default, whatever it is set to,
+and a rung of the ladder the same rung, whatever settings the adapter fixes for all. The version is what is compared,
+and no key: an edited file, two releases, and changed defaults meet.
+
+With r the logarithm of the time of update and solve in run b over that in run a, l a solver lane and u a problem in one
+scaling:
 
     r_lu = median of r over the settings of l on u
     e_lu = r_lu − median over l of r_lu                    the common change is that of the machine
@@ -19,26 +24,31 @@ With three or four lanes, too few to estimate D, it is at least FEW_DEVIATE.
 Of hot and interleaved times those are used whose D is smaller, and the others for lanes that lack them on enough
 problems.
 
-The first answer of a measurement is reproducible; the timed answers are of data that each run draws anew. A tier is
-lost if run a reaches it with some setting, run b with none, and with run a's setting more problems became wrong than by
-chance: BY_CHANCE of them (six coins fall on the same side with p = 3 %) or all of fewer, or a single one by its first
-answer if both runs have the same seed and so the same problems.
+A tier is lost if run a reaches it with some setting that both have, run b with none, and run b is shown to be worse
+with the setting of run a: by a first answer, which the digest makes reproducible, or by the rate of misses of the timed
+ones, whose data each run draws anew. Run a has none. If a problem u has the same rate in both runs, which judged n_a
+and n_b answers, all of its m misses fall on run b with probability C(n_b, m) / C(n_a + n_b, m). The product over the u
+has to be below CHANCE, as after ten misses among as many answers. The rate of `stage` is unknown.
 """
 
 import math
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
-from scipy.stats import median_abs_deviation
+from scipy.stats import hypergeom, median_abs_deviation
 
-from bench.derived.measurements import HOT, INTERLEAVED, Measurements
-from bench.derived.tiers import LANE, MEASURED, right, tier_settings
+from bench.derived.measurements import FLOOR, HOT, INTERLEAVED, Measurements, at_tiers
+from bench.derived.tiers import LANE, MISSES, right, tier_settings
+from bench.messages.columns import TYPICAL, Column, combined, worst
 from bench.messages.task import Status, Tier
-from bench.store import Run
+from bench.report.words import joined, number, share
+from bench.store import Run, RunError
 from bench.timing.clock import Effort
+from piezo_model.json_file import decoded
+from solvers.protocol import setting_text
 
 SMALLEST = 1.2
 """Default of the smallest ratio of times that matters."""
@@ -52,14 +62,26 @@ ENOUGH_LANES, FEW_DEVIATE = 5, 0.04
 """Number of solver lanes from which D is estimated, and what it is at least for fewer: the D of interleaved times
 between two runs of the default race on a quiet machine was 1.7 to 4.3 % in ten pairs, and that of hot ones 1.3 to
 2.6 %."""
-DRAWS = 1_000
-BY_CHANCE = 6
+DRAWS, CHANCE = 1_000, 1e-3
+"""Number of bootstrap samples, and the probability below which misses do not fall on one run by chance."""
 FAILURES = {*Status} - {Status.OK, Status.UNSUPPORTED, Status.NOT_RUN}
 SLOWER, FASTER, SAME, CANNOT_TELL = "slower", "faster", "no difference", "cannot tell"
-BLOCK = ["timed", "problem_set", "problem", "scaling"]
+BLOCK = ["timed", "digest", "scaling"]
 SOLVER_LANE = ["solver", "lane"]
-NAMES = [*MEASURED, "setting", "start"]
-"""Columns that identify the same measurement in two runs."""
+JOIN = ["digest", "scaling", "start", "solver", "lane", "settings"]
+"""Columns by which rows of runs meet."""
+YARDSTICK = "daqp"
+"""The library to which others are compared."""
+SHOWN = (
+    Column("us", None, TYPICAL, "µs", number, of="answer_us"),
+    Column("to_yardstick", None, TYPICAL, f"to {YARDSTICK}", number),
+    Column("to_floor", None, TYPICAL, "to floor", number),
+    Column("right", None, "sum", "right"),
+    Column("miss_rate", None, worst, "misses, at most", share),
+    Column("iterations", None, TYPICAL, "iters", number),
+    Column("problems", None, "size", of="right"),
+)
+"""What is shown of a solver lane in each run."""
 
 
 @dataclass(frozen=True)
@@ -82,13 +104,11 @@ class Comparison:
     """SOLVER_LANE of those that fail where they did not, one row per lane."""
     alone: tuple[pd.DataFrame, pd.DataFrame]
     """Rows that only the first run has, and only the second."""
-    common: int
-    """Number of rows that both runs have."""
 
     @property
     def regressions(self) -> int:
-        """Number of solver lanes that became slower or fail, plus tiers that were lost; 1 without common rows."""
-        return self.count(SLOWER) + len(self.lost) + len(self.failed) + (not self.common)
+        """Number of solver lanes that became slower or fail, plus tiers that were lost."""
+        return self.count(SLOWER) + len(self.lost) + len(self.failed)
 
     @property
     def differences(self) -> int:
@@ -110,49 +130,118 @@ class Comparison:
         return int((self.times.finding == finding).sum())
 
 
-def compare_runs(a: Run, b: Run, smallest: float = SMALLEST) -> Comparison:
-    """Compare run b with run a; RunError if one is not a finished race. ``smallest`` is above 1."""
-    first, second = Measurements.of(a), Measurements.of(b)
-    times, field = compare_times(
-        levels(first).merge(levels(second), on=[*NAMES, "timed"], suffixes=("_a", "_b")), smallest
-    )
-    rows = [
-        found.field[found.field.status != Status.NOT_RUN].sort_values(NAMES, ignore_index=True)
-        for found in (first, second)
-    ]
-    before, after = (part[_is_in(part, other)].reset_index(drop=True) for part, other in (rows, rows[::-1]))
-    least = 1 if a.settings["settings"].get("seed") == b.settings["settings"].get("seed") else BY_CHANCE
-    return Comparison(
-        a,
-        b,
-        smallest,
-        times,
-        field,
-        float(b.sentinel_samples().level_ns.median() / a.sentinel_samples().level_ns.median()),
-        lost_tiers(before, after, least),
-        lost_tiers(after, before, least),
-        before[(before.status == Status.OK) & after.status.isin(FAILURES)][SOLVER_LANE].drop_duplicates(),
-        (rows[0][~_is_in(*rows)], rows[1][~_is_in(*rows[::-1])]),
-        len(before),
-    )
+@dataclass(frozen=True)
+class Comparisons:
+    """Several runs, and the changes from the first to each other one."""
+
+    runs: Sequence[Run]
+    lines: pd.DataFrame
+    """``run``, its number, SOLVER_LANE and SHOWN, on what all have in common; see `side_by_side`."""
+    common: pd.DataFrame
+    """JOIN of the rows that all have."""
+    each: list[Comparison]
 
 
-def levels(found: Measurements) -> pd.DataFrame:
-    """One row per answer and way of timing: NAMES, ``timed`` and ``level``, the logarithm of the median time of update
-    plus solve, NaN for too few calls."""
-    parts = []
-    ok = found.field.loc[found.field.status == Status.OK, ["task", *NAMES]]
-    for timed in (HOT, INTERLEAVED):
-        rows = ok[[(task, timed) in found.calls for task in ok.task]]
-        us = [found.calls[task, timed] for task in rows.task]
-        parts.append(
-            rows.assign(
-                timed=timed,
-                level=[
-                    math.log(max(np.median(part), 1e-3)) if part.size >= Effort().fewest else math.nan for part in us
-                ],
+def compare_runs(runs: Sequence[Run], smallest: float = SMALLEST) -> Comparisons:
+    """Compare each other run with the first one; RunError if one is not a finished race, or runs have no row in common.
+    ``smallest`` is above 1."""
+    found = [Measurements.of(run) for run in runs]
+    tables, each = [joinable(measured) for measured in found], []
+    for run, rows in zip(runs[1:], tables[1:], strict=True):
+        before, after = in_common([runs[0], run], [tables[0], rows])
+        each.append(
+            Comparison(
+                runs[0],
+                run,
+                smallest,
+                *compare_times(levels(before, after), smallest),
+                float(run.sentinel_samples().level_ns.median() / runs[0].sentinel_samples().level_ns.median()),
+                lost_tiers(before, after),
+                lost_tiers(after, before),
+                before[(before.status == Status.OK) & after.status.isin(FAILURES)][SOLVER_LANE].drop_duplicates(),
+                (tables[0].drop(rows.index, errors="ignore"), rows.drop(tables[0].index, errors="ignore")),
             )
         )
+    common = in_common(runs, tables)
+    return Comparisons(runs, side_by_side(found, common), common[0][JOIN], each)
+
+
+def joinable(found: Measurements) -> pd.DataFrame:
+    """The rows of the field that were run, by JOIN, with the logarithm of the median time of update and solve for each
+    way of timing, NaN for too few calls. Of a problem that is in two sets the first row counts. A default that is no
+    rung of the ladder is taken for its first, so that it may reach a tier."""
+    rows, fewest = found.field, Effort().fewest
+    lanes = pd.MultiIndex.from_frame(rows[SOLVER_LANE])
+    defaults = dict(zip(lanes[rows.is_default], rows.setting[rows.is_default], strict=True))
+    asked = [beyond(setting, defaults.get(lane, "{}")) for setting, lane in zip(rows.setting, lanes, strict=True)]
+    levels = {
+        timed: [
+            math.log(max(np.median(us), 1e-3)) if us.size >= fewest else math.nan
+            for us in (found.pooled([task], timed) for task in rows.task)
+        ]
+        for timed in (HOT, INTERLEAVED)
+    }
+    rows = rows.assign(settings=asked, rung=rows.rung + 1, **levels)[rows.status != Status.NOT_RUN]
+    return rows.drop_duplicates(JOIN).set_index(JOIN)
+
+
+def beyond(setting: str, default: str) -> str:
+    """What a setting asks for beyond a default.
+
+    Examples
+    --------
+    >>> beyond('{"eps": 1e-9, "verbose": false}', '{"verbose": false}')
+    '{"eps": 1e-09}'
+    """
+    asked, fixed = (decoded(text, dict[str, Any]).items() for text in (setting, default))
+    return setting_text(dict(each for each in asked if each not in fixed))
+
+
+def in_common(runs: Sequence[Run], tables: Sequence[pd.DataFrame]) -> list[pd.DataFrame]:
+    """The rows of each run whose keys all have, in the same order and with the names of the first one's problems and
+    settings; if there are none, RunError that names the first column in which they differ."""
+    common = set[tuple[str, ...]]()
+    for count, name in enumerate(JOIN, 1):
+        if not (common := set.intersection(*({key[:count] for key in table.index} for table in tables))):
+            raise RunError(
+                f"{joined(str(run.path) for run in runs)} have no row in common: rows meet by {joined(JOIN)}, and "
+                f"these differ in {name}"
+            )
+    rows = [table.loc[sorted(common)] for table in tables]
+    return [each.assign(**rows[0][["problem_set", "problem", "setting", "rung"]]).reset_index() for each in rows]
+
+
+def levels(before: pd.DataFrame, after: pd.DataFrame) -> pd.DataFrame:
+    """One row per answer and way of timing that both runs have: BLOCK, SOLVER_LANE, ``level_a`` and ``level_b``."""
+    ok = before[(before.status == Status.OK) & (after.status == Status.OK)]
+    ways = [ok.assign(timed=timed, level_a=ok[timed], level_b=after[timed]) for timed in (HOT, INTERLEAVED)]
+    return pd.concat([way for way in ways if (way.level_a - way.level_b).notna().any()] or ways[:1], ignore_index=True)
+
+
+def side_by_side(found: Sequence[Measurements], rows: Sequence[pd.DataFrame]) -> pd.DataFrame:
+    """``run``, SOLVER_LANE and SHOWN on the rows that all runs have, at the setting with which the first run reaches
+    1e-9 on most problems, from a cold start and on scaled problems if there are any.
+
+    Parameters
+    ----------
+    found : sequence of Measurements
+        Of each run.
+    rows : sequence of DataFrame
+        The rows of each that all have.
+    """
+    settings, form, parts = tier_settings(rows[0]), ["digest", "scaling"], []
+    settings = settings[(settings.tier == Tier.HIGH) & (settings.scaling == rows[0].scaling.max())]
+    for run, (measured, part) in enumerate(zip(found, rows, strict=True), 1):
+        here = at_tiers(part[part.start == "cold"], settings, "furthest").query(f"tier == {str(Tier.HIGH)!r}")
+        floor = measured.rows.query(f"solver == {FLOOR!r} and start == 'cold'").groupby(form).answer_us.first()
+        yard = here[here.solver == YARDSTICK].set_index([*form, "lane"]).answer_us
+        here = here.join(floor.rename("floor_us"), on=form).join(yard.rename("yard_us"), on=[*form, "lane"])
+        shown = here.assign(
+            iterations=here.iterations.where(here.iterations >= 0),
+            to_floor=here.answer_us / here.floor_us,
+            to_yardstick=here.answer_us / here.yard_us,
+        )
+        parts.append(combined(shown, SHOWN, SOLVER_LANE).assign(run=run))
     return pd.concat(parts, ignore_index=True)
 
 
@@ -176,30 +265,19 @@ def compare_times(pairs: pd.DataFrame, smallest: float) -> tuple[pd.DataFrame, p
     """
     keys = [pairs[name] for name in [*BLOCK, *SOLVER_LANE]]
     own = (pairs.level_b - pairs.level_a).groupby(keys).median()
-    machine = own.groupby(level=BLOCK).median()
-    own -= own.groupby(level=BLOCK).transform("median")
-    lanes = own.groupby(level=["timed", *SOLVER_LANE])
+    lanes = (own - own.groupby(level=BLOCK).transform("median")).groupby(level=["timed", *SOLVER_LANE])
     field = pd.DataFrame(
         {
-            "factor": np.exp(machine.groupby(level="timed").median()),
+            "factor": np.exp(own.groupby(level=BLOCK).median().groupby(level="timed").median()),
             "deviation": lanes.median().groupby(level="timed").agg(_deviation),
         }
     )
     chance, lines = np.random.default_rng(0), []
     for names, part in lanes:
-        timed, solver, lane = cast(tuple[str, str, str], names)
-        values, deviation = part.dropna().to_numpy(), float(field.deviation[timed])
-        low, high = interval(values, deviation, chance)
-        lines.append(
-            (
-                timed,
-                solver,
-                lane,
-                values.size,
-                *np.exp([part.median(), low, high]),
-                _finding(low, high, deviation, smallest),
-            )
-        )
+        values, deviation = part.dropna().to_numpy(), float(field.deviation[cast(tuple[str, str, str], names)[0]])
+        ends = interval(values, deviation, chance)
+        ratios = np.exp([part.median(), *ends])
+        lines.append((*cast(tuple[str, str, str], names), values.size, *ratios, finding(*ends, deviation, smallest)))
     times = pd.DataFrame(
         lines, columns=["timed", *SOLVER_LANE, "problems", "ratio", "ratio_low", "ratio_high", "finding"]
     )
@@ -213,53 +291,36 @@ def interval(values: np.ndarray, deviation: float, chance: np.random.Generator) 
     """Interval I_l of a lane from its e_lu; infinite for too few problems or lanes."""
     if values.size < FEWEST_PROBLEMS or not math.isfinite(deviation):
         return -math.inf, math.inf
-    medians = np.median(values[chance.integers(0, values.size, (DRAWS, values.size))], axis=1)
-    low, high = np.quantile(medians, (0.025, 0.975))
+    drawn = values[chance.integers(0, values.size, (DRAWS, values.size))]
+    low, high = np.quantile(np.median(drawn, axis=1), (0.025, 0.975))
     return float(low) - WIDER * deviation, float(high) + WIDER * deviation
 
 
 def _deviation(theta: pd.Series) -> float:
-    if theta.count() < FEWEST_LANES:
-        return math.inf
     least = ROUNDING if theta.count() >= ENOUGH_LANES else FEW_DEVIATE
-    return max(least, float(median_abs_deviation(theta, scale="normal", nan_policy="omit")))
+    found = max(least, float(median_abs_deviation(theta, scale="normal", nan_policy="omit")))
+    return found if theta.count() >= FEWEST_LANES else math.inf
 
 
-def _finding(low: float, high: float, deviation: float, smallest: float) -> str:
+def finding(low: float, high: float, deviation: float, smallest: float) -> str:
+    """The finding of an interval of the logarithm of a ratio."""
     if low > 0.0 or high < 0.0:
         return SLOWER if low > 0.0 else FASTER
     return SAME if max(-low, high, deviation / SHARE) < math.log(smallest) else CANNOT_TELL
 
 
-def lost_tiers(a: pd.DataFrame, b: pd.DataFrame, least: int = 1) -> pd.DataFrame:
-    """LANE and ``tier`` of the tiers that rows a reach and rows b, the same tasks in the same order, do not.
-
-    ``least`` is the number of first answers that have to become wrong.
-    """
+def lost_tiers(a: pd.DataFrame, b: pd.DataFrame) -> pd.DataFrame:
+    """LANE and ``tier`` of the tiers that rows a reach and rows b, the same tasks in the same order, do not."""
     both = tier_settings(a).merge(tier_settings(b), on=[*LANE, "tier"], suffixes=("", "_b"))
-    found = both[(both.setting != "") & (both.setting_b == "")].to_dict("records")
-    return pd.DataFrame(
-        [[line[name] for name in (*LANE, "tier")] for line in found if _is_lost(a, b, line, least)],
-        columns=[*LANE, "tier"],
-    )
+    both = both[(both.setting != "") & (both.setting_b == "")]
+    return both.loc[[_is_lost(a, b, line) for line in both.to_dict("records")], [*LANE, "tier"]]
 
 
-def _is_lost(a: pd.DataFrame, b: pd.DataFrame, line: Mapping[Hashable, object], least: int) -> bool:
-    tier = Tier(str(line["tier"]))
-    here = (a[[*LANE, "setting"]] == [line[name] for name in (*LANE, "setting")]).all(axis=1) & (a.start == "cold")
-
-    def became_wrong(first: pd.DataFrame, second: pd.DataFrame) -> int:
-        return int(right(first[here], tier).sum() - right(second[here], tier).sum())
-
-    every = int(right(a[here], tier).sum())
-    first = became_wrong(_first_answers(a), _first_answers(b))
-    return first >= min(least, every) or became_wrong(a, b) >= min(BY_CHANCE, every)
-
-
-def _first_answers(rows: pd.DataFrame) -> pd.DataFrame:
-    """The rows without the results of timed answers."""
-    return rows.assign(timed_gap=math.nan, timed_violation=math.nan, timed_stage_excess=math.nan)
-
-
-def _is_in(rows: pd.DataFrame, other: pd.DataFrame) -> np.ndarray:
-    return pd.MultiIndex.from_frame(rows[NAMES]).isin(pd.MultiIndex.from_frame(other[NAMES]))
+def _is_lost(a: pd.DataFrame, b: pd.DataFrame, line: Mapping[Hashable, object]) -> bool:
+    names, tier = [*LANE, "setting"], Tier(str(line["tier"]))
+    here = (a[names] == [line[name] for name in names]).all(axis=1) & (a.start == "cold")
+    a, b = a[here], b[here]
+    misses = b[MISSES[tier]] if tier in MISSES else 0
+    by_chance = np.prod(hypergeom.pmf(misses, a.judged + b.judged, b.judged, misses))
+    first = b.assign(timed_gap=math.nan, timed_violation=math.nan, timed_stage_excess=math.nan)
+    return bool((right(a, tier) & ~right(first, tier)).any() or by_chance < CHANCE)

@@ -1,42 +1,46 @@
 """Report of a comparison: sentences, a table with one row per solver lane; as page, Markdown and JSON."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from bench.comparison.compare import CANNOT_TELL, FASTER, SAME, SLOWER, SOLVER_LANE, Comparison
+from bench.comparison.compare import CANNOT_TELL, FASTER, SAME, SHOWN, SLOWER, SOLVER_LANE, Comparison, Comparisons
 from bench.derived.ranking import TIER_NAMES
 from bench.messages.columns import Column
 from bench.messages.task import Tier
 from bench.report.console import plain_json
 from bench.report.report import Report, Table
-from bench.report.words import OURS_NOTE, joined, marked, solver_lanes, whole
+from bench.report.words import OURS_NOTE, joined, marked, solver_lanes
 from bench.report.writing import write_report
 from bench.store import Run
+from bench.timing import machine
 from piezo_model.atomic_file import write_text
 
-FORMAT, VERSION = "piezobench-comparison", 4
+FORMAT, VERSION = "piezobench-comparison", 5
 COLUMNS = (
-    Column("run", heading="run"),
     Column("solver", heading="solver", format=marked),
     Column("lane", heading="lane"),
-    Column("timed", heading="times"),
-    Column("finding", heading="finding"),
+    Column("run", heading="run"),
+    *(column for column in SHOWN if column.heading),
     Column("ratio", heading="ratio", format=lambda ratio: "–" if pd.isna(ratio) else f"{ratio:.2f}"),
+    Column("finding", heading="finding"),
     Column("interval", heading="interval"),
-    Column("problems", heading="problems", format=whole),
-    Column("tiers", heading="tiers"),
+    Column("timed", heading="times"),
 )
 ORDER = (SLOWER, FASTER, CANNOT_TELL, SAME)
 MOST_NAMED, MOST_TOLD = 4, 2
 """Most solver lanes in a sentence about rows of one run only, and most differences in a warning."""
-IGNORED = ("effort", "time_limit_s", "memory_mb", "solver_files")
-"""Settings that do not affect the comparison, or whose effect the times show."""
+IGNORED = ("effort", "time_limit_s", "memory_mb", "solver_files", "problem_sets", "set_options", "problems", "limit")
+"""Settings that do not affect the comparison, whose effect the times show, or that name what a digest identifies."""
 DEFINITIONS = (
+    "µs: the median over the problems that all runs have in common of the time of update and solve, at the setting "
+    "with which the first run reaches 1e-9 on most of them; to daqp and to floor: the median of that time over those "
+    "of daqp in the same lane and of a solver that does nothing. right: on how many problems no answer misses 1e-9; "
+    "misses, at most: the upper 95 % limit of the rate at which timed answers miss it, on the worst problem.",
     "ratio: update and solve in the second run over the first at equal settings, median over the problems; "
     "hot or interleaved with the other solvers, whichever deviates less. What the field has in common "
     "on a problem is taken for the machine's and divided out.",
@@ -45,53 +49,64 @@ DEFINITIONS = (
     "cannot tell: the interval holds 1 and the smallest ratio that matters, too, or the lanes deviate by more than 3 "
     "% (a sixth of that ratio's logarithm), or there are fewer than three lanes, or three problems of one. Three or "
     "four lanes are taken to deviate by at least 4 %.",
-    "tiers: a tier is lost for which one setting was right on every problem in the first run and none is in the "
-    "second, unless by chance. Each run draws the data of its timed answers anew: six problems more, or all, have to "
-    "become wrong, or with the same seed one by its first answer.",
-    "A regression is a solver lane that became slower or fails where it did not, a tier that was lost, or that the "
-    "runs have nothing in common. What only one of the runs has is not compared.",
+    "lost: one setting that both have reached the tier in the first run and none does in the second, and there, with "
+    "that setting, a first answer is wrong, or more timed answers than by chance (p < 0.001 if their rate had stayed).",
+    "A regression is a solver lane that became slower or fails where it did not, or a tier that was lost. What only "
+    "one of the runs has is not compared.",
     OURS_NOTE,
 )
 
 
-def report(comparisons: Sequence[Comparison]) -> Report:
+def report(compared: Comparisons) -> Report:
     """Report of comparisons with the same first run."""
-    every = pd.concat([_table(comparison) for comparison in comparisons], ignore_index=True)
-    changed = every[~every.finding.isin([SAME, "–"]) | (every.tiers != "–")]
-    first = 0 if len(comparisons) > 1 else 1
-    grid = [
-        Table.of(title, lines, COLUMNS[first:], 5 - first, filters=("run", "lane", "times", "finding"))
-        for title, lines in (("Solver lanes", every), ("Solver lanes that differ or cannot be told", changed))
-    ]
-    runs = [comparisons[0].a, *(comparison.b for comparison in comparisons)]
+    each, runs = compared.each, compared.runs
+    page, terminal = (
+        Table.of("Runs side by side", _lines(compared), columns, 2, filters=("run", "lane"))
+        for columns in (COLUMNS, COLUMNS[:-2])  # a terminal has no room
+    )
     return Report(
         [
-            *(f"WARNING: {warning}" for comparison in comparisons for warning in warnings(comparison)),
-            *(sentence for comparison in comparisons for sentence in sentences(comparison)),
+            *(f"WARNING: {warning}" for comparison in each for warning in warnings(comparison)),
+            in_common(compared),
+            *(sentence for comparison in each for sentence in sentences(comparison)),
         ],
-        grid[0],
-        notes=[note for comparison in comparisons for note in notes(comparison)],
+        page,
+        notes=[
+            *(note for comparison in each for note in notes(comparison)),
+            *(line for run in runs for line in machine.elsewhere(f"The run {run.path.name}", run.machine_names)),
+        ],
         definitions=DEFINITIONS,
         environment=[(run.path.name, str(run.path)) for run in runs],
-        terminal=grid[1],
+        terminal=terminal,
         title="Comparison of " + ", ".join(run.path.name for run in runs),
     )
 
 
-def write(comparisons: Sequence[Comparison], report: Report, folder: Path) -> Path:
+def in_common(compared: Comparisons) -> str:
+    """What the runs share, with their numbers in the table."""
+    problems, lanes = (len(compared.common[of].drop_duplicates()) for of in (["digest"], SOLVER_LANE))
+    return (
+        f"{joined(f'{run.path.name} ({number})' for number, run in enumerate(compared.runs, 1))} have {problems} "
+        f"problem{'s' if problems > 1 else ''}, {solver_lanes(lanes)} and {len(compared.common)} rows in common."
+    )
+
+
+def write(compared: Comparisons, report: Report, folder: Path) -> Path:
     """Write ``comparison.html``, ``.md`` and ``.json``; returns the page's path."""
     folder.mkdir(parents=True, exist_ok=True)
-    write_text(folder / "comparison.json", json.dumps(to_dict(comparisons), indent=1, allow_nan=False) + "\n")
+    write_text(folder / "comparison.json", json.dumps(to_dict(compared), indent=1, allow_nan=False) + "\n")
     return write_report(report, folder, "comparison").with_suffix(".html")
 
 
-def to_dict(comparisons: Sequence[Comparison]) -> dict[str, Any]:
+def to_dict(compared: Comparisons) -> dict[str, Any]:
     """The comparisons as a JSON document; null is an unknown number."""
     return plain_json(
         {
             "format": FORMAT,
             "version": VERSION,
-            "baseline": str(comparisons[0].a.path),
+            "runs": [str(run.path) for run in compared.runs],
+            "common": len(compared.common),
+            "lines": compared.lines.to_dict("records"),
             "comparisons": [
                 {
                     "run": str(comparison.b.path),
@@ -104,12 +119,11 @@ def to_dict(comparisons: Sequence[Comparison]) -> dict[str, Any]:
                     "smallest": comparison.smallest,
                     "field": comparison.field.to_dict("index"),
                     "lines": comparison.times.to_dict("records"),
-                    "common": comparison.common,
                     "failed": comparison.failed.to_dict("records"),
                     "lost": comparison.lost.to_dict("records"),
                     "gained": comparison.gained.to_dict("records"),
                 }
-                for comparison in comparisons
+                for comparison in compared.each
             ],
         }
     )
@@ -117,39 +131,27 @@ def to_dict(comparisons: Sequence[Comparison]) -> dict[str, Any]:
 
 def sentences(comparison: Comparison) -> list[str]:
     """The findings, and the changes that could not have been found."""
-    lanes = len(comparison.times)
+    lanes, unseen, count = len(comparison.times), comparison.count(CANNOT_TELL), len(comparison.failed)
     counts = [
-        f"{solver_lanes(count, lanes)} {'is' if count == 1 else 'are'} {finding}"
-        for finding in (SLOWER, FASTER)
-        if (count := comparison.count(finding))
-    ]
-    counts += [
-        f"{len(tiers)} tier{'s are' if len(tiers) > 1 else ' is'} {what}"
-        for what, tiers in (("lost", comparison.lost), ("gained", comparison.gained))
-        if len(tiers)
-    ]
-    if count := len(comparison.failed):
-        pairs = comparison.failed[:MOST_NAMED].astype(str).to_numpy().tolist()
-        names = [f"{marked(solver)} ({lane})" for solver, lane in pairs]
-        counts.append(
-            f"{count} solver lane{'s fail' if count > 1 else ' fails'} on common problems: {', '.join(names)}"
-        )
-    name = f"{comparison.b.path.name} against {comparison.a.path.name}"
-    if not comparison.common:
-        return [f"{name}: the runs have no row in common, and so nothing was compared; the notes name what each has."]
-    unseen = " that can be told" if comparison.cannot_tell else ""
-    found = [f"{name}: {joined(counts) or f'no difference{unseen} in {solver_lanes(lanes)}'}."]
-    if count := comparison.count(CANNOT_TELL):
-        noise = joined(
-            f"{100.0 * deviation:.1f} % {timed}"
-            for timed, deviation in comparison.field.deviation.items()
-            if np.isfinite(deviation)
-        )
-        why = f"lanes deviate from each other by {noise}" if noise else "too few lanes race to tell a change from noise"
-        found.append(
-            f"In {solver_lanes(count, lanes)} a change by a factor of {comparison.smallest:g} may have gone unseen: "
-            f"{why}. A quiet machine, more problems and --repeats help."
-        )
+        *(
+            f"{solver_lanes(number, lanes)} {'is' if number == 1 else 'are'} {finding}"
+            for finding in (SLOWER, FASTER)
+            if (number := comparison.count(finding))
+        ),
+        *(
+            f"{len(tiers)} tier{'s are' if len(tiers) > 1 else ' is'} {what}"
+            for what, tiers in (("lost", comparison.lost), ("gained", comparison.gained))
+            if len(tiers)
+        ),
+        f"{count} solver lane{'s fail' if count > 1 else ' fails'} on common problems: {_named(comparison.failed)}",
+    ][: None if count else -1]
+    same = f"no difference{' that can be told' if comparison.cannot_tell else ''} in {solver_lanes(lanes)}"
+    noise = joined(
+        f"{100.0 * deviation:.1f} % {timed}"
+        for timed, deviation in comparison.field.deviation.items()
+        if np.isfinite(deviation)
+    )
+    why = f"lanes deviate from each other by {noise}" if noise else "too few lanes race to tell a change from noise"
     factors = joined(f"{factor:.2f} {timed}" for timed, factor in comparison.field.factor.items())
     beside = (
         f", and the fixed piece of work timed beside it by {comparison.sentinel:.2f}: either the machine changed in a "
@@ -157,37 +159,52 @@ def sentences(comparison: Comparison) -> list[str]:
         if comparison.moved
         else ", which is divided out"
     )
-    return [*found, f"The field as a whole changed by a factor of {factors}{beside}."] if factors else found
+    said = {
+        f"{comparison.b.path.name} against {comparison.a.path.name}: {joined(counts) or same}.": True,
+        f"In {solver_lanes(unseen, lanes)} a change by a factor of {comparison.smallest:g} may have gone unseen: {why}"
+        ". A quiet machine, more problems and --repeats help.": unseen,
+        f"The field as a whole changed by a factor of {factors}{beside}.": factors,
+    }
+    return [sentence for sentence, applies in said.items() if applies]
+
+
+def _named(rows: pd.DataFrame) -> str:
+    """The solver lanes of rows, those with most rows first."""
+    names = [
+        f"{marked(solver)} ({lane})" for solver, lane in rows.groupby(SOLVER_LANE).size().sort_values().index[::-1]
+    ]
+    return ", ".join(names[:MOST_NAMED]) + (f" and {left} others" if (left := len(names) - MOST_NAMED) > 0 else "")
 
 
 def notes(comparison: Comparison) -> list[str]:
     """A sentence for each run about the rows that only it has."""
-    found = []
-    for run, rows in zip((comparison.a, comparison.b), comparison.alone, strict=True):
-        names = [f"{marked(solver)} ({lane})" for solver, lane in rows[SOLVER_LANE].value_counts().index]
-        more = f" and {len(names) - MOST_NAMED} others" if len(names) > MOST_NAMED else ""
-        count = f"{len(rows)} row{'s' if len(rows) > 1 else ''}"
-        found += [f"Only {run.path.name} has {count}, of {', '.join(names[:MOST_NAMED])}{more}."] if names else []
-    return found
+    return [
+        f"Only {run.path.name} has {len(rows)} row{'s' if len(rows) > 1 else ''}, of {_named(rows)}."
+        for run, rows in zip((comparison.a, comparison.b), comparison.alone, strict=True)
+        if len(rows)
+    ]
 
 
 def warnings(comparison: Comparison) -> list[str]:
     """Differences between machines, settings and versions."""
-    pairs = zip(_conditions(comparison.a).items(), _conditions(comparison.b).values(), strict=True)
-    found = []
-    for (what, first), second in pairs:
-        differ = [
-            f"{name} is {_text(first[name])} in the first run and {_text(second[name])} in the second"
-            for name in sorted(first.keys() & second.keys())
-            if _text(first[name]) != _text(second[name])
+    first, second = _conditions(comparison.a), _conditions(comparison.b)
+    differ = {
+        what: [
+            f"{name} is {of[name]} in the first run and {second[what][name]} in the second"
+            for name in sorted(of.keys() & second[what].keys())
+            if of[name] != second[what][name]
         ]
-        more = f"; {len(differ) - MOST_TOLD} more" if len(differ) > MOST_TOLD else ""
-        found += [f"Different {what}: {'; '.join(differ[:MOST_TOLD])}{more}."] if differ else []
-    return found
+        for what, of in first.items()
+    }
+    told = {
+        what: [*those[:MOST_TOLD], *([f"{len(those) - MOST_TOLD} more"] if len(those) > MOST_TOLD else [])]
+        for what, those in differ.items()
+    }
+    return [f"Different {what}: {'; '.join(those)}." for what, those in told.items() if those]
 
 
-def _conditions(run: Run) -> dict[str, Mapping[str, Any]]:
-    """Machines, settings and versions of a run."""
+def _conditions(run: Run) -> dict[str, Mapping[str, str]]:
+    """Machines, settings and versions of a run, as texts that do not depend on the order in a list."""
     settings, machines = run.settings, [*run.machines.values()]
     chosen, packages = settings["settings"], {name for each in machines for name in each["versions"]}
     return {
@@ -196,7 +213,9 @@ def _conditions(run: Run) -> dict[str, Mapping[str, Any]]:
             for name in ("processor", "cores", "system", "python", "core")
         },
         "settings": {
-            name: value for name, value in (chosen | (chosen.get("effort") or {})).items() if name not in IGNORED
+            name: (", ".join(sorted(map(str, value))) or "all") if isinstance(value, list) else str(value)
+            for name, value in (chosen | (chosen.get("effort") or {})).items()
+            if name not in IGNORED
         },
         "packages": {
             name: joined(sorted({each["versions"].get(name, "absent") for each in machines})) for name in packages
@@ -205,34 +224,34 @@ def _conditions(run: Run) -> dict[str, Mapping[str, Any]]:
     }
 
 
-def _text(value: Any) -> str:
-    """A setting as text, independent of the order in a list."""
-    return (", ".join(sorted(map(str, value))) or "all") if isinstance(value, list) else str(value)
-
-
-def _table(comparison: Comparison) -> pd.DataFrame:
-    """The times with the lost and gained tiers, changes first."""
-    parts = [
-        tiers.assign(tiers=what + tiers.tier.map(lambda tier: TIER_NAMES[Tier(tier)]) + " " + tiers.scaling)
-        for what, tiers in (("lost ", comparison.lost), ("gained ", comparison.gained))
-        if len(tiers)
+def _lines(compared: Comparisons) -> pd.DataFrame:
+    """The lines of all runs with the findings, the lanes that changed first."""
+    by, each = [*SOLVER_LANE, "run"], [*enumerate(compared.each, 2)]
+    tiers = [
+        changed.assign(
+            run=run, tiers=what + changed.tier.map(lambda tier: TIER_NAMES[Tier(tier)]) + " " + changed.scaling
+        )
+        for run, comparison in each
+        for what, changed in (("lost ", comparison.lost), ("gained ", comparison.gained))
     ]
-    changed = (
-        pd.concat([pd.DataFrame(columns=[*SOLVER_LANE, "tiers"], dtype=str), *parts])
-        .groupby(SOLVER_LANE)
-        .tiers.agg(", ".join)
-        .reset_index()
-    )
-    table = comparison.times.merge(changed, on=SOLVER_LANE, how="outer").fillna(
-        {"tiers": "–", "timed": "–", "finding": "–", "problems": 0}
-    )
-    order = table.finding.map({finding: i for i, finding in enumerate(ORDER)}) - len(ORDER) * (table.tiers != "–")
-    intervals = [
-        f"{low:.2f} to {high:.2f}" if low > 0.0 else "unknown"
-        for low, high in zip(table.ratio_low, table.ratio_high, strict=True)
-    ]
-    return (
-        table.assign(run=comparison.b.path.name, interval=intervals, order=order, size=-np.log(table.ratio).abs())
-        .sort_values(["order", "size"], ignore_index=True)
-        .drop(columns=["order", "size"])
-    )
+    changes = pd.concat([part for part in tiers if len(part)] or tiers[:1]).groupby(by).tiers.agg(", ".join)
+    times = pd.concat([comparison.times.drop(columns="problems").assign(run=run) for run, comparison in each])
+    table = compared.lines.merge(times, on=by, how="outer").join(changes, on=by)
+    order = table.finding.map(dict(zip(ORDER, range(-len(ORDER), 0), strict=True))) - len(ORDER) * table.tiers.notna()
+    lane = [table.solver, table.lane]
+    return table.assign(
+        right=[
+            f"{right:.0f}/{of:.0f}" if of > 0 else "–" for right, of in zip(table.right, table.problems, strict=True)
+        ],
+        finding=table.tiers.str.cat(table.finding.replace(SAME, None), ", ")
+        .fillna(table.tiers)
+        .fillna(table.finding.replace(SAME, "same"))
+        .fillna("–"),
+        interval=[
+            f"{low:.2f} to {high:.2f}" if low > 0.0 else "unknown" if low == 0.0 else "–"
+            for low, high in zip(table.ratio_low, table.ratio_high, strict=True)
+        ],
+        timed=table.timed.fillna("–"),
+        order=order.fillna(0).groupby(lane).transform("min"),
+        size=-np.log(table.ratio).abs().groupby(lane).transform("max"),
+    ).sort_values(["order", "size", *by], ignore_index=True)

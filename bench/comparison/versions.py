@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import t as student
 
-from bench.comparison.compare import CANNOT_TELL, FASTER, SAME, SLOWER
+from bench.comparison.compare import SAME, finding
 from bench.messages.task import Progress, RaceError, Task, default_setting, silent
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import RaceProblem
@@ -80,24 +80,15 @@ def compare_versions(
     us = np.reshape(times, (PAIRS, len(problems), 2, BLOCKS))
     theta = np.median(np.median(np.log(us[:, :, 1] / us[:, :, 0]), axis=2), axis=1)
     mean, half = float(np.mean(theta)), float(student.ppf(0.975, PAIRS - 1) * np.std(theta, ddof=1) / PAIRS**0.5)
-    first, second = np.median(np.median(us, axis=3), axis=(0, 1))
-    worst = np.max(gaps, axis=0)
+    (first, second), worst = np.median(np.median(us, axis=3), axis=(0, 1)), np.max(gaps, axis=0)
     return VersionComparison(
         math.exp(mean),
         math.exp(mean - half),
         math.exp(mean + half),
-        _finding(mean - half, mean + half, math.log(smallest)),
+        SAME if abs(mean) + half < math.log(smallest) else finding(mean - half, mean + half, 0.0, smallest),
         (float(first), float(second)),
         (float(worst[0]), float(worst[1])),
     )
-
-
-def _finding(low: float, high: float, matters: float) -> str:
-    if max(-low, high) < matters:
-        return SAME
-    if low > 0.0 or high < 0.0:
-        return SLOWER if low > 0.0 else FASTER
-    return CANNOT_TELL
 
 
 def _timed(

@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 from simulated_pairs import pair, ratios, resampled
 
-from bench.comparison.compare import BLOCK, CANNOT_TELL, NAMES, SAME, SOLVER_LANE, compare_times, levels
-from bench.derived.measurements import INTERLEAVED, ROWS, Measurements
+from bench.comparison.compare import BLOCK, CANNOT_TELL, SAME, SOLVER_LANE, compare_times, in_common, joinable, levels
+from bench.derived.measurements import INTERLEAVED, Measurements
 from bench.store import Run
 from solvers.arrays import Vector
 
@@ -42,8 +42,7 @@ def rates(make: Callable[[np.random.Generator], list[Vector]], pairs: int) -> di
 
 def noise_of(a: Run, b: Run) -> list[Vector]:
     """Change of each lane relative to the field on each problem of two runs."""
-    both = [levels(Measurements(run.rows(ROWS), run.times())) for run in (a, b)]
-    found = both[0].merge(both[1], on=[*NAMES, "timed"], suffixes=("_a", "_b"))
+    found = levels(*in_common([a, b], [joinable(Measurements.of(run)) for run in (a, b)]))
     found = found[found.timed == INTERLEAVED]
     own = (found.level_b - found.level_a).groupby([found[name] for name in [*BLOCK, *SOLVER_LANE]]).median().dropna()
     own -= own.groupby(level=BLOCK).transform("median")

@@ -47,8 +47,7 @@ def pair(by_lane: list[Vector], changed: Mapping[str, float] | None = None, time
         [
             {
                 "timed": timed,
-                "problem_set": "paper",
-                "problem": f"p{k}",
+                "digest": f"p{k}",
                 "scaling": "scaled",
                 "solver": f"s{i}",
                 "lane": "direct",
