@@ -181,22 +181,25 @@ class BuiltInSolver(BuiltIn, Solver):
             require(self._status, f"{self.name}: ")
         return self.x
 
-    def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
-        """Take each P and q and solve, timed; by default as ``solve()`` does, or from ``warm_start``."""
-        self._require(self._missing & SETUP)
+    def time_kernel(
+        self, P: Matrix | None, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf
+    ) -> Timings:
+        """Take each P, unless it stays, and q and solve, timed; by default as ``solve()`` does, or from
+        ``warm_start``."""
+        self._require(self._missing - ({"q"} if P is None else DATA))
         P, q, warm_start = several(P, q, warm_start, self._lb.size)
         status, timings = time_calls(self.loop(), P, q, warm_start, most_ns)
         last = timings[0].size - 1
-        self._took(P[last], q[last], status)
+        self._took(None if P is None else P[last], q[last], status)
         return timings
 
-    def _took(self, P: Matrix, q: Vector, status: int) -> None:
+    def _took(self, P: Matrix | None, q: Vector, status: int) -> None:
         """A loop ended with these data and this status."""
         self.remember(P, q)
         self._status, self._missing = status, frozenset() if status in (OK, CAPPED) else DATA
         require(status, f"{self.name}: ")
 
-    def remember(self, P: Matrix, q: Vector) -> None:
+    def remember(self, P: Matrix | None, q: Vector) -> None:
         """Keep the data of a loop, if the state does not."""
 
     def solution(self) -> Solution:

@@ -33,10 +33,12 @@ def start_point(values: Any, shape: tuple[int, ...]) -> Vector:
     return values if is_good else finite("warm_start", values, shape)
 
 
-def several(P: ArrayLike, q: ArrayLike, start: ArrayLike | None, d: int) -> tuple[Matrix, Matrix, Vector | None]:
-    """P (n, d, d), q (n, d) and a start (d,) as contiguous doubles, checked."""
+def several(
+    P: ArrayLike | None, q: ArrayLike, start: ArrayLike | None, d: int
+) -> tuple[Matrix | None, Matrix, Vector | None]:
+    """P (n, d, d) or None, q (n, d) and a start (d,) as contiguous doubles, checked."""
     count = len(np.atleast_1d(q))
-    P, q = shaped("P", P, (count, d, d)), shaped("q", q, (count, d))
+    P, q = None if P is None else shaped("P", P, (count, d, d)), shaped("q", q, (count, d))
     require(bindings.check_all(P, q), P=P, q=q)
     return P, q, None if start is None else start_point(start, (d,))
 

@@ -167,8 +167,10 @@ class Solver(Entrant):
     def solve(self, warm_start: Vector | None = None) -> Vector:
         """Return the answer, shape (d,), valid until the next call, found or not; NaN if there is none."""
 
-    def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
-        """Update and solve inside compiled code for each of P (n, d, d) and q (n, d), all of them new data.
+    def time_kernel(
+        self, P: Matrix | None, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf
+    ) -> Timings:
+        """Update and solve inside compiled code for each of P (n, d, d), None for a P that stays, and q (n, d).
 
         Every solve starts from ``warm_start`` (d,) if it is given. No call begins once ``most_ns`` nanoseconds are
         spent. ``solution`` is that of the last call. Only solvers of the lane kernel have this method.

@@ -13,7 +13,7 @@ LONGEST_NS = 2**62
 
 def time_calls(
     loop: Callable[..., int],
-    P: Matrix,
+    P: Matrix | None,
     q: Matrix,
     warm_start: Vector | None,
     most_ns: float,
@@ -26,5 +26,5 @@ def time_calls(
     n, d = q.shape
     updates, solves, answers = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64), np.full((n, d), np.nan)
     made, longest = np.zeros(1, dtype=np.int64), int(min(most_ns, LONGEST_NS))
-    status = loop(q, P.reshape(n, d * d), warm_start, longest, updates, solves, answers, made)
+    status = loop(q, None if P is None else P.reshape(n, d * d), warm_start, longest, updates, solves, answers, made)
     return status, (updates[: made[0]], solves[: made[0]], answers[: made[0]])

@@ -3,10 +3,10 @@
     P = Σ θ_k P_k,   q = Σ θ_k q_k,   c = Σ θ_k c_k,    θ ≥ 0, Σ θ_k = 1
 
 is the data basis of all windows with random weights, under the constraints of the problem; V + c stays a sum of
-squares. Without windows every entry of q is reduced by up to a tenth, all entries by the same share if P is singular,
-so that a bounded problem stays bounded. The parent judges the answers when the calls are over (`bench.races.metrics`).
-Where floating point does not decide, proofs are made of the calls that come first in a secret permutation, which all
-solvers share.
+squares. Without windows P is fixed, and no solver is given it again; every entry of q is reduced by up to a tenth, all
+entries by the same share if P is singular, so that a bounded problem stays bounded. The parent judges the answers when
+the calls are over (`bench.races.metrics`). Where floating point does not decide, proofs are made of the calls that come
+first in a secret permutation, which all solvers share.
 """
 
 import math
@@ -24,13 +24,18 @@ from solvers.arrays import Index, Matrix, Vector, product
 from solvers.certificate import NotCertified, certify
 from solvers.protocol import Solver
 
+Data = tuple[Matrix | None, Matrix]
+"""P (n, d, d), None if it is fixed, and q (n, d)."""
 LEAST = 0.9
 """Smallest factor of q for a problem without windows."""
 
 
-def mixed(form: CertifiedForm, shares: Matrix, factors: Matrix) -> tuple[Matrix, Matrix]:
+def mixed(form: CertifiedForm, shares: Matrix, factors: Matrix) -> Data:
     """P (n, d, d) and q (n, d) of n mixtures of a problem and its windows, with shares (n, 1 + windows) and factors of
-    q (n, d) or (n, 1); P is exactly symmetric if the problem's is."""
+    q (n, d) or (n, 1); P is exactly symmetric if the problem's is, and None without windows, since it is the problem's.
+    """
+    if not form.windows:
+        return None, form.qp.q * factors
     dense = form.qp.P if isinstance(form.qp.P, np.ndarray) else form.qp.P.toarray()  # update takes dense data
     P, q = np.zeros((len(shares), *dense.shape)), np.zeros((len(shares), form.qp.q.size))
     for share, part in zip(shares.T, (Window(dense, form.qp.q, form.c), *form.windows), strict=True):
@@ -41,9 +46,9 @@ def mixed(form: CertifiedForm, shares: Matrix, factors: Matrix) -> tuple[Matrix,
 
 def mixture(form: CertifiedForm, shares: Vector, factors: Vector) -> CertifiedForm:
     """One mixture with its certified optimum; NotCertified if there is no proof."""
-    (P,), (q,) = mixed(form, shares[None], factors[None])
+    P, (q,) = mixed(form, shares[None], factors[None])
     qp, c = form.qp, float(product(np.array([[form.c, *(window.c for window in form.windows)]]), shares)[0])
-    program = Problem(P, q, qp.G, qp.h, qp.A, qp.b, qp.lb, qp.ub)
+    program = Problem(qp.P if P is None else P[0], q, qp.G, qp.h, qp.A, qp.b, qp.lb, qp.ub)
     proof = certify(program, np.array(form.certificate.x))
     return CertifiedForm(program, c, form.to_weights, proof, cost_unit=form.cost_unit)
 
@@ -89,16 +94,18 @@ class FreshData:
             part = slice(first, first + self.calls_at_once)
             here, shares = calls[part], self._shares[calls[part]]
             P, q = mixed(self._form, shares, self._factors[here])
-            near = np.array([self._near(int(call), *data) for call, *data in zip(here, P, q, strict=True)])
+            near = np.array([self._near(int(call), P if P is None else P[i], q[i]) for i, call in enumerate(here)])
             c = shares @ [self._form.c, *(window.c for window in self._form.windows)]
-            low[part], high[part] = gap_bounds(self._form, P, q, c, shares @ self._least, answers[part], near)
+            low[part], high[part] = gap_bounds(
+                self._form, self._form.qp.P[None] if P is None else P, q, c, shares @ self._least, answers[part], near
+            )
         return low, high
 
     @cached_property
     def _least(self) -> Vector:
         return least_eigenvalues(self._form)
 
-    def _near(self, call: int, P: Matrix, q: Vector) -> Vector:
+    def _near(self, call: int, P: Matrix | None, q: Vector) -> Vector:
         """A point within the bounds, near the optimum of a call; NaN if there is none."""
         if call not in self._found:
             self._found[call] = np.full(q.size, math.nan)
@@ -117,12 +124,12 @@ class FreshData:
         """Shares and factors of a call, as of :func:`mixture`."""
         return self._shares[call], self._factors[call]
 
-    def block(self, first: int, last: int) -> tuple[Matrix, Matrix]:
-        """P (n, d, d) and q (n, d) of calls ``first`` to ``last`` − 1."""
+    def block(self, first: int, last: int) -> Data:
+        """The data of calls ``first`` to ``last`` − 1."""
         return mixed(self._form, self._shares[first:last], self._factors[first:last])
 
-    def unseen(self, count: int) -> tuple[Matrix, Matrix]:
-        """``count`` new P and q; their answers are not judged."""
+    def unseen(self, count: int) -> Data:
+        """``count`` new data; their answers are not judged."""
         return mixed(self._form, *self._drawn(count))
 
     def _drawn(self, count: int) -> tuple[Matrix, Matrix]:
@@ -132,9 +139,10 @@ class FreshData:
             if self._factors_of_q
             else np.ones((count, 1))
         )
-        return self._generator.dirichlet(np.ones(1 + len(self._form.windows)), size=count), factors
+        shares = self._generator.dirichlet(np.ones(1 + len(self._form.windows)), size=count)
+        return shares if self._form.windows else np.ones((count, 1)), factors
 
     @cached_property
     def calls_at_once(self) -> int:
         """Number of calls that fit into a message of a megabyte."""
-        return max(1, 2**17 // self._form.qp.q.size**2)
+        return max(1, 2**17 // self._form.qp.q.size ** (2 if self._form.windows else 1))

@@ -52,7 +52,7 @@ def gap_bounds(form: CertifiedForm, P: Matrix, q: Matrix, c: Vector, least: Vect
     form : CertifiedForm
         Its bounds and its unit of cost hold for all programs.
     P, q, c, least : arrays
-        n programs with their constants, and lower bounds of λ_min(S P S): (n, d, d), (n, d), (n,), (n,).
+        n programs with their constants, and lower bounds of λ_min(S P S): (n, d, d) or (1, d, d), (n, d), (n,), (n,).
     x : array, shape (n, d)
         An answer to each.
     near : array, shape (n, d)

@@ -50,9 +50,9 @@ def set_up(child: SolverChild, task: Task, form: CertifiedForm) -> Outcome:
     return outcome if outcome.failure else child.ask(Further(task.key, TimedSolver.first, ()))
 
 
-def run_block(child: SolverChild, task: Task, P: Matrix, q: Matrix, most_ns: float = math.inf) -> Outcome:
-    """Time a block. No call begins after ``most_ns``. It may be a failure; if the process ended, so did the solver that
-    was ready."""
+def run_block(child: SolverChild, task: Task, P: Matrix | None, q: Matrix, most_ns: float = math.inf) -> Outcome:
+    """Time a block of `bench.problems.fresh`. No call begins after ``most_ns``. It may be a failure; if the process
+    ended, so did the solver that was ready."""
     cpu_ns = child.cpu_ns()
     block = child.ask(Further(task.key, TimedSolver.block, (P, q, most_ns)))
     n = len(block.answers) if most_ns < math.inf else len(q)
@@ -83,7 +83,7 @@ def timed(
         done, spent_ns = done + len(block.answers), spent_ns + int(sum(ns.sum() for ns in block.times.values()))
         call_ns = max(spent_ns / done, 1.0)
         size = max(effort.fewest - done, math.ceil((effort.budget_s * 1e9 - spent_ns) / call_ns), 1)
-    end = child.ask(Further(task.key, TimedSolver.end, (effort.budget_s,)))
+    end = child.ask(Further(task.key, TimedSolver.end, (effort.budget_s, not form.windows)))
     if end.failure:
         return end
     if end.forbidden_actions:

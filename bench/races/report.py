@@ -69,7 +69,8 @@ DEFINITIONS = (
     "worst gap: the largest cost gap or violation on any problem, of first and judged timed answers.",
     "primal and dual residual: as qpsolvers.Solution defines them, from the solver's own duals, on the worst problem. "
     "Weight error: ‖w − w*‖∞ / ‖w*‖∞. Model error: RMS error on unseen data, per cent of the range, median.",
-    "Times are medians over the problems; every solve follows an update with new P and q. They are hot, the same "
+    "Times are medians over the problems; every solve follows an update with new q, and with new P "
+    "unless a program has but one. They are hot, the same "
     "solver again and again; interleaved, it finds the caches that other solvers left. A controller with other work in "
     "its period lies between the two.",
     "p99 of an answer: of update and solve together, over all hot calls on all problems; – where there are fewer than "

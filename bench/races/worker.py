@@ -111,12 +111,13 @@ class TimedSolver:
         """Nanoseconds of one set-up."""
         return time_call(partial(self.solver.setup, self._for_setup))
 
-    def block(self, P: Matrix, q: Matrix, most_ns: float) -> Outcome:
-        """Time update and solve for each P (n, d, d) and q (n, d), and check that the data are unchanged afterwards. No
-        call begins after ``most_ns`` are spent."""
-        sums, before = (P.sum(), q.sum()), preemptions()
+    def block(self, P: Matrix | None, q: Matrix, most_ns: float) -> Outcome:
+        """Time update and solve for each P (n, d, d), None if it is fixed, and q (n, d), and check that the data are
+        unchanged afterwards. No call begins after ``most_ns`` are spent."""
+        given, before = [q] if P is None else [P, q], preemptions()
+        sums = [array.sum() for array in given]
         updates, solves, answers = self._time(self.solver, P, q, self._start, most_ns)
-        self._block_was_changed |= (P.sum(), q.sum()) != sums
+        self._block_was_changed |= [array.sum() for array in given] != sums
         return Outcome(
             found=True,
             preemptions=preemptions() - before,
@@ -124,11 +125,11 @@ class TimedSolver:
             answers=answers,
         )
 
-    def scheduled(self, P: Matrix, q: Matrix) -> Outcome:
-        """Update and solve on the schedule, sample k with P[k] (n, d, d) and q[k] (n, d); the answer of each solve is
-        copied within its time. ``sample`` says to which sample it is, and ``response`` when each sample was
-        answered."""
-        answers, x = np.full(q.shape, np.nan), np.zeros(q.shape[1])
+    def scheduled(self, P: Matrix | None, q: Matrix) -> Outcome:
+        """Update and solve on the schedule, sample k with P[k] (n, d, d), None if it is fixed, and q[k] (n, d); the
+        answer of each solve is copied within its time. ``sample`` says to which sample it is, and ``response`` when
+        each sample was answered."""
+        answers, x, each = np.full(q.shape, np.nan), np.zeros(q.shape[1]), [None] * len(q) if P is None else P
 
         def solve() -> None:
             x[:] = self._solve()
@@ -138,7 +139,7 @@ class TimedSolver:
 
         before = preemptions()
         with no_garbage_collection():
-            t = follow(len(q), lambda k: self.solver.update(P[k], q[k]), solve, keep)
+            t = follow(len(q), lambda k: self.solver.update(each[k], q[k]), solve, keep)
         times = {"update": t.updated - t.began, "solve": t.ended - t.updated, "sample": t.solved}
         return Outcome(
             found=True,
@@ -147,11 +148,11 @@ class TimedSolver:
             answers=answers[: t.solved.size],
         )
 
-    def end(self, budget_s: float) -> Outcome:
-        """Whether the first data give the first answer again, and whether the inputs are unchanged; further set-ups are
-        timed within the budget."""
+    def end(self, budget_s: float, is_fixed: bool) -> Outcome:
+        """Whether the first data, of which P ``is_fixed`` or not, give the first answer again, and whether the inputs
+        are unchanged; further set-ups are timed within the budget."""
         P = self._for_update.P if isinstance(self._for_update.P, np.ndarray) else self._for_update.P.toarray()
-        self.solver.update(P=P, q=self._for_update.q)  # which takes dense data
+        self.solver.update(P=None if is_fixed else P, q=self._for_update.q)  # which takes dense data
         again = real(self._solve())
         changed = self.were_inputs_changed()
         for _ in range(2):

@@ -75,20 +75,21 @@ def time_call(call: Callable[[], object], clock: Callable[[], int] = perf_counte
 
 def time_block(
     solver: Solver,
-    P: Matrix,
+    P: Matrix | None,
     q: Matrix,
     start: Vector | None = None,
     most_ns: float = np.inf,
     clock: Callable[[], int] = perf_counter_ns,
     copied: Callable[..., Vector] = np.array,
 ) -> Timings:
-    """Time update, and solve with the copy of its answer, for each P (n, d, d) and q (n, d); cold, or from ``start``
-    (d,). No call begins after ``most_ns`` are spent. The row of an answer of another shape is NaN."""
+    """Time update, and solve with the copy of its answer, for each P (n, d, d), None if it is fixed, and q (n,
+    d); cold, or from ``start`` (d,). No call begins after ``most_ns`` are spent. The row of an answer of another shape
+    is NaN."""
     update, solve, keywords = solver.update, solver.solve, {} if start is None else {"warm_start": start}
     updates, solves, answers, remaining_ns = [], [], np.full(q.shape, np.nan), most_ns
     with no_garbage_collection():
         for k in range(len(q)):
-            Pk, qk = P[k], q[k]
+            Pk, qk = None if P is None else P[k], q[k]
             begin = clock()
             update(P=Pk, q=qk)
             between = clock()
@@ -104,7 +105,9 @@ def time_block(
     return np.array(updates, dtype=np.int64), np.array(solves, dtype=np.int64), answers[: len(solves)]
 
 
-def time_kernel(solver: Solver, P: Matrix, q: Matrix, start: Vector | None = None, most_ns: float = np.inf) -> Timings:
+def time_kernel(
+    solver: Solver, P: Matrix | None, q: Matrix, start: Vector | None = None, most_ns: float = np.inf
+) -> Timings:
     """The same with the clock inside compiled code, which gets the data unchanged."""
     with no_garbage_collection():
         return solver.time_kernel(P, q, start, most_ns)

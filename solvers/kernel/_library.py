@@ -87,18 +87,20 @@ class CompiledLibrary(LibrarySolver):
         self._addresses = np.array(list(map(_as_integer, (self.state, self._loop.update, self._loop.solve))))
 
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
-        self.refuse(self._loop.update(address(self.state), address(self.program.P), address(self.program.q)))
+        self.refuse(self._loop.update(address(self.state), address(P), address(q)))
 
     def call_library(self, warm_start: Vector | None) -> Vector | None:
         x = np.full(self.program.d, np.nan)
         self._loop.solve(address(self.state), address(warm_start), address(x))
         return x
 
-    def time_kernel(self, P: Matrix, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf) -> Timings:
+    def time_kernel(
+        self, P: Matrix | None, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf
+    ) -> Timings:
         P, q, start = self._begin(lambda p: several(P, q, warm_start, p.d))
         flag, timings = time_calls(partial(bindings.time_library, self._addresses), P, q, start, most_ns)
         last = timings[0].size - 1
-        self.program.set_data(P[last], q[last], copy=True)
+        self.program.set_data(None if P is None else P[last], q[last], copy=True)
         self.state[:2] = _data_addresses(self.program)  # the arrays of the loop are released when it ends
         self.refuse(flag)
         self.x, self._missing = timings[2][last].copy(), READY

@@ -71,7 +71,7 @@ static int update(void *state, const double *P, const double *q)
 {
     State *const s = state;
     set_data(&s->data, P, q);
-    const int flag = update_problem(s, UPDATE_RINV | UPDATE_V, s->cold);
+    const int flag = update_problem(s, (P != NULL ? UPDATE_RINV : 0) | UPDATE_V, s->cold);
     s->is_cold = 1;
     return flag < 0 ? flag : OK;
 }

@@ -30,11 +30,11 @@ typedef struct {
 
 #define LIBRARY(name) PY_EXPORT const Library library_##name = {update, solve};
 
-/* Keep pointers to the data, for a library that does not copy them. */
+/* Keep pointers to the data, NULL for those that stay, for a library that does not copy them. */
 static inline void set_data(Data *data, const double *P, const double *q)
 {
-    data->P = P;
-    data->q = q;
+    data->P = P != NULL ? P : data->P;
+    data->q = q != NULL ? q : data->q;
 }
 
 #endif

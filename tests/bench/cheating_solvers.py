@@ -25,7 +25,7 @@ class Mine(Solver):
         self.set_data(problem.P, problem.q)
 
     def set_data(self, P, q):
-        self.P, self.q = P, q
+        self.P, self.q = self.problem.P if P is None else P, q
 
     def update(self, P=None, q=None):
         self.set_data(P, q)

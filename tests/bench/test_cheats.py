@@ -156,11 +156,11 @@ class WorksBeside(box_active_set.{cls}):
     def __init__(self, **settings):
         super().__init__()
 
-    def time_kernel(self, P, *more, **named):
-        end = process_time_ns() + {beside_ns} * len(P)
+    def time_kernel(self, P, q, *more, **named):
+        end = process_time_ns() + {beside_ns} * len(q)
         while process_time_ns() < end:
             pass
-        return super().time_kernel(P, *more, **named)
+        return super().time_kernel(P, q, *more, **named)
 """
 
 

@@ -233,12 +233,25 @@ def test_a_race_whose_proofs_cannot_be_cached_continues_with_one_warning(tmp_pat
     assert (tmp_path / "results" / "run" / "report.html").is_file()
 
 
+ONLY_Q = """
+from solvers.direct.daqp import Daqp
+
+class OnlyQ(Daqp):
+    name = "only_q"
+
+    def update(self, P=None, q=None):
+        assert P is None
+        super().update(q=q)
+"""
+
+
 @pytest.fixture(scope="module")
 def raced(piezobench: CommandLine, folder: Path) -> tuple[Run, str]:
     """A race on the folder, and its output."""
-    options = (*SHORT, "--lane", "qpsolvers", "--lane", "direct", "--out", folder / "results", "--name", "run")
-    solvers = ("--solver", "daqp", "--solver", "clarabel", "--solver", "box_active_set")
-    call = piezobench.run("race", "--folder", folder, *solvers, *options)
+    (own := folder.parent / f"{folder.name}.py").write_text(ONLY_Q)
+    options = ("--budget", 0.001, "--rounds", 2, "--schedule", 5, "--lane", "qpsolvers", "--lane", "direct")
+    solvers = ("--solver", "daqp", "--solver", "clarabel", "--solver", "box_active_set", "--solver", own)
+    call = piezobench.run("race", "--folder", folder, *solvers, *options, "--out", folder / "results", "--name", "run")
     return Run.open(folder / "results" / "run"), " ".join(call.stdout.split())
 
 
@@ -256,12 +269,19 @@ def test_a_race_leaves_out_programs_without_a_proof_and_lists_the_reasons(raced:
 
 def test_solvers_answer_foreign_problems_or_report_them_as_unsupported(raced: tuple[Run, str]) -> None:
     rows = raced[0].rows(ROWS)
-    rows = rows[rows.is_default & (rows.start == "cold")]
+    rows = rows[rows.is_default & (rows.start == "cold") & (rows.timed == "hot")]
     ours, others = rows[rows.solver == "box_active_set"], rows[rows.solver.isin(["daqp", "clarabel"])]
     assert set(ours.status) == {"unsupported"}
     assert len(others) == 2 * len(ours) * 2  # solvers, lanes
     assert right(others, Tier.LOW).all()
     assert not others.mutates_input.any()
+
+
+def test_a_p_that_stays_is_not_passed_again_in_any_kind_of_call(raced: tuple[Run, str]) -> None:
+    rows = raced[0].rows(ROWS)
+    rows = rows[rows.solver == "only_q"]
+    assert set(rows.timed) >= {"hot", "interleaved", "scheduled"}
+    assert set(rows.status) == {"ok"}, rows.message.unique()
 
 
 def test_a_folder_without_a_proof_is_not_raced(piezobench: CommandLine, tmp_path: Path) -> None:

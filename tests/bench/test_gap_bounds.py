@@ -8,7 +8,7 @@ from qpsolvers import Problem
 
 from bench.derived.tiers import MISSES, TOLERANCE
 from bench.messages.task import Tier
-from bench.problems.fresh import FreshData
+from bench.problems.fresh import FreshData, mixture
 from bench.problems.protocol import CertifiedForm, RaceProblem, Window
 from bench.races.metrics import judge_timed, relative_gap
 from solvers.certificate import certify
@@ -85,8 +85,15 @@ def test_a_single_wrong_answer_among_all_timed_ones_is_found_wherever_it_is(wron
     assert row[MISSES[Tier.HIGH]] == 1
 
 
+def test_a_program_without_windows_keeps_every_bit_of_its_p() -> None:
+    form = drawn(6, 4, 1e3, cost_unit=1.0)
+    fresh = FreshData(form, 100)
+    assert fresh.block(0, 100)[0] is None
+    assert all(mixture(form, *fresh.draw(call)).qp.P.tobytes() == form.qp.P.tobytes() for call in range(100))
+
+
 def test_the_draw_of_all_data_is_made_again_from_its_seed() -> None:
     form = drawn(5, 4, 10.0)
     first = FreshData(form, 30)
     for mine, again in zip(first.block(0, 30), FreshData(form, 30, first.seed).block(0, 30), strict=True):
-        assert (mine == again).all()
+        assert np.array_equal(mine, again)

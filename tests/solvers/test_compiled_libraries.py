@@ -222,21 +222,23 @@ def ready(entry: Entry, **settings: Any) -> Solver:
 
 @each_kernel
 @pytest.mark.parametrize("warm", [False, True])
+@pytest.mark.parametrize("fixed", [False, True])
 def test_a_loop_answers_each_of_its_data_of_any_stride_as_an_update_and_a_solve_from_python_do(
-    entry: Entry, warm: bool
+    entry: Entry, warm: bool, fixed: bool
 ) -> None:
-    timed, called, (P, q) = ready(entry), ready(entry), data(40)
+    timed, called, (P, q), (first, _) = ready(entry), ready(entry), data(40), data(1, seed=99)
     P.flags.writeable = q.flags.writeable = False
     P, q = P[::2], q[::-2]
     start = np.full(D, 0.2) if warm else None
-    updates, solves, answers = timed.time_kernel(P, q, start)
+    updates, solves, answers = timed.time_kernel(None if fixed else P, q, start)
     assert updates.shape == solves.shape == (20,)
     assert (updates >= 0).all()
     assert (solves > 0).all()
     for k, answer in enumerate(answers):
-        called.update(P[k], q[k])
+        called.update(None if fixed else P[k], q[k])
         np.testing.assert_array_equal(answer, called.solve(start))
-        np.testing.assert_allclose(answer, optimum(P[k], q[k]), rtol=0.0, atol=1e-7)
+        np.testing.assert_allclose(answer, optimum(first[0] if fixed else P[k], q[k]), rtol=0.0, atol=1e-7)
+    np.testing.assert_array_equal(timed.solution().x, answers[-1])
 
 
 @each_kernel
