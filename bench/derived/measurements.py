@@ -20,8 +20,8 @@ its calls on all the problems in question.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Self, get_args
 
@@ -134,11 +134,17 @@ class Measurements:
 
     every: pd.DataFrame
     every_time: pd.DataFrame
+    own: Mapping[str, float] = field(default_factory=dict)
+    """The solver lanes of the user's own files, each with the error that it states."""
 
     @classmethod
     def of(cls, run: Run) -> Self:
         """Read those of a finished run."""
-        return cls(run.rows(ROWS), run.times())
+        return cls(run.rows(ROWS), run.times(), run.settings.get("own", {}))
+
+    def is_own(self, rows: pd.DataFrame) -> pd.Series[bool]:
+        """Whether each row is of the user's own files."""
+        return (rows.solver + " (" + rows.lane + ")").isin([*self.own])
 
     @cached_property
     def host(self) -> str:

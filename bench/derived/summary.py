@@ -18,7 +18,7 @@ from contextlib import suppress
 import numpy as np
 import pandas as pd
 
-from bench.derived.measurements import FLOOR, ROWS, Measurements, at_tiers
+from bench.derived.measurements import FLOOR, ROWS, Measurements, at_tiers, merged
 from bench.derived.tiers import LANE, distance
 from bench.messages.columns import Column, combined
 from bench.messages.task import Status, Tier
@@ -79,32 +79,35 @@ def raced(table: pd.DataFrame, start: str = "cold") -> pd.DataFrame:
 
 def failures(rows: pd.DataFrame) -> pd.DataFrame:
     """WRONG, one row per solver lane, scaling and status: the number of failures, and the first. Rows that were not run
-    are no failures."""
-    return combined(
-        rows.assign(such_as=rows.problem_set + "/" + rows.problem)[
-            (rows.message != "") & ~rows.status.isin([Status.OK, Status.NOT_RUN])
-        ],
-        WRONG,
-        ["solver", "lane", "scaling", "status"],
+    are no failures, and timed answers that are not finite are."""
+    lost = (rows.status == Status.OK) & np.isinf(rows.timed_gap)
+    rows = rows.assign(
+        such_as=rows.problem_set + "/" + rows.problem,
+        status=rows.status.mask(lost, str(Status.MISSED)),
+        message=rows.message.mask(lost, "a timed answer is not finite"),
     )
+    failed = (rows.message != "") & ~rows.status.isin([Status.OK, Status.NOT_RUN])
+    return combined(rows[failed], WRONG, ["solver", "lane", "scaling", "status"])
 
 
 def misses(measurements: Measurements, hopeless: bool = False) -> pd.DataFrame:
-    """The rows of the field, one for each solver lane and problem that it misses; lanes with the fewest misses first.
+    """One row for each solver lane and problem that it misses on any host: the user's own lanes first, then those with
+    the fewest misses.
 
-    A lane that is right on no problem is left out unless they are wanted: its problems do not differ. Settings are {}
-    where a solver crashed.
+    Another lane that is right on no problem is left out unless they are wanted: its problems do not differ. Settings
+    are {} where a solver crashed.
     """
-    judged = at_tiers(measurements.cold(measurements.field), measurements.settings, "furthest")
+    judged = at_tiers(measurements.cold(merged(measurements.every)), measurements.settings, "furthest")
     judged = judged[judged.tier == Tier.HIGH].astype({"right": bool})
-    missed = judged.assign(count=~judged.right, some=judged.right)
+    missed = judged.assign(count=~judged.right, some=judged.right, others=~measurements.is_own(judged))
     counts = missed.groupby(["solver", "lane"])[["count", "some"]].transform("sum")
-    missed = missed.assign(**counts)[~judged.right & (hopeless | (counts.some > 0))]
-    return missed.fillna({"settings": "{}"}).sort_values(["count", "solver", "lane", "problem"], ignore_index=True)
+    missed = missed.assign(**counts)[~judged.right & (hopeless | ~missed.others | (counts.some > 0))]
+    order = ["others", "count", "solver", "lane", "problem"]
+    return missed.fillna({"settings": "{}"}).sort_values(order, ignore_index=True)
 
 
 def kept(run: Run, measurements: Measurements, most: int) -> Iterator[tuple[str, Miss]]:
-    """The worst missed answers of at most ``most`` solver lanes, those with the fewest misses first, with names for
+    """The worst missed answers of at most ``most`` solver lanes, in the order of :func:`misses`, with names for
     their files; the answer of each is the first one, or the worst timed one that was judged if that is worse."""
     worst = misses(measurements, hopeless=True).sort_values("gap", ascending=False)
     for line in worst.drop_duplicates(["solver", "lane"]).sort_index().head(most).to_dict("records"):

@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from bench.derived import ranking, schedule, summary, verdict
-from bench.derived.measurements import ROWS, Measurements
+from bench.derived.measurements import FLOOR, ROWS, Measurements
 from bench.derived.tiers import distance, failed, measured
 from bench.messages.columns import Column
 from bench.problem_files.miss import Miss
@@ -117,7 +117,7 @@ def report(run: Run, race: RaceSettings) -> Report:
         ],
         files={f"misses/{name}": miss.save for name, miss in misses.items()},
         # of the scaled rows, if there are any
-        failed=failed(every[every.scaling == every.scaling.max()].assign(error=distance), settings.get("own", {})),
+        failed=failed(every[every.scaling == every.scaling.max()].assign(error=distance), measurements.own),
         definitions=[*DEFINITIONS, *([f"Every solver ran in {race.repeats} {REPEATED}"] if race.repeats > 1 else [])],
         tables=[
             Table.of(
@@ -135,8 +135,8 @@ def report(run: Run, race: RaceSettings) -> Report:
                 5,
                 filters=("lane", "problem", "status"),
                 note="Problems on which a solver is not within 1e-9, at its setting for 1e-9 or the one that is right "
-                "on most of them; solvers that are right on none are left out. Timed gap: the largest gap or violation "
-                "among the timed answers that were judged.",
+                "on most of them; solvers that are right on none are left out, but for yours. Timed gap: the largest gap "
+                "or violation among the timed answers that were judged.",
             ),
             Table.of(
                 "Our solver against each other solver",
@@ -173,7 +173,7 @@ def report(run: Run, race: RaceSettings) -> Report:
             ),
             Table.of(
                 "What went wrong",
-                summary.failures(measurements.field),
+                summary.failures(every[every.solver != FLOOR]),
                 summary.WRONG,
                 8,
                 filters=("lane", "scaling", "status"),

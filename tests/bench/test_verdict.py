@@ -1,6 +1,7 @@
 """The first screen of a race: its short table, sentences and pictures; the committed run has the rest."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pandas as pd
@@ -10,7 +11,7 @@ from measured_rows import ladder, measured, row, steps
 from bench.derived import pictures
 from bench.derived.measurements import Measurements
 from bench.derived.ranking import PACE, Line, ranking, short_table
-from bench.derived.summary import misses, summary
+from bench.derived.summary import failures, misses, summary
 from bench.derived.verdict import notes, verdict
 from bench.messages.task import Row, Tier
 
@@ -105,8 +106,22 @@ def test_a_miss_is_listed_with_its_problem_and_figures_the_nearest_lanes_first_a
         *ladder({"p1": [1.0], "p2": [1.0], "p3": [1.0]}, solver="hopeless"),
     ]
     table = misses(measured(rows))
-    assert table[["solver", "problem"]].values.tolist() == [["near", "p2"], ["a", "p2"], ["a", "p3"]]
+    others = [["near", "p2"], ["a", "p2"], ["a", "p3"]]
+    assert table[["solver", "problem"]].values.tolist() == others
     assert table.iloc[0].cost_gap == 1e-5
+    with_own = misses(replace(measured(rows), own={"hopeless (direct)": 1e-9}))
+    assert with_own[["solver", "problem"]].values.tolist() == [*(["hopeless", p] for p in ("p1", "p2", "p3")), *others]
+
+
+@pytest.mark.parametrize("of", [{"host": "elsewhere"}, {"timed_gap": float("inf")}])
+def test_a_lane_that_fails_on_another_host_or_in_a_timed_answer_alone_went_wrong_and_misses(of: Row) -> None:
+    rows = [*ladder({"p1": [1e-12], "p2": [1e-12]}), row(problem="p3", solver="other", cost_gap=1e-12)]
+    lost = row(**{"problem": "p1", "solver": "other", "status": "crashed", "message": "gone", **of})
+    if "timed_gap" in of:
+        lost |= {"status": "ok", "message": ""}
+    found = measured([*rows, lost])
+    assert failures(found.every)[["solver", "such_as"]].values.tolist() == [["other", "paper/p1"]]
+    assert misses(found)[["solver", "problem"]].values.tolist() == [["other", "p1"]]
 
 
 RIGHT = {"p1": [1e-12], "p2": [1e-12], "p3": [1e-12]}
