@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from bench.derived.measurements import ROWS
 from bench.messages.task import ChildSettings, Progress, Setting, Status, Task, default_setting, settings_ladder, silent
 from bench.problems.fresh import mixture
 from bench.problems.protocol import RaceProblem
@@ -128,7 +127,7 @@ class Verified:
 
 def verify_run(run: Run, progress: Progress = silent) -> Verified:
     """Judge every stored answer of a run again; RunError for a missing problem."""
-    rows = run.rows(ROWS)
+    rows = run.rows()
     by_problem, wrong, proofs = rows.groupby(["problem_set", "problem"], sort=False), list[str](), 0
     for done, ((problem_set, name), part) in enumerate(by_problem):
         progress(f"{problem_set}/{name}", done, len(by_problem))

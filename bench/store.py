@@ -4,72 +4,44 @@
                   machines/       what made the rows: each machine with its versions and instruction set, JSON
                   problems/       the problems with their certificates, NPZ
                   models/         the models of raced recordings, JSON
-                  tasks/          during the race: an NPZ for each finished task, and notes as JSON
+                  parts/          during the race: an Arrow stream for each part (`part_file`)
                   rows.parquet    one row a task            } written at the end
                   times.parquet   raw nanoseconds           }
                   sentinel.parquet                          }
                   summary.csv, report.md
 
-Each file is written under a temporary name, flushed and renamed, so that an interruption at any moment leaves only
-complete files, and a resumed run knows its finished tasks by their file names.
+Each other file is written under a temporary name, flushed and renamed, so that an interruption at any moment leaves
+only complete files and whole tasks. A run is finished by the removal of ``parts``, one rename.
 """
 
 import fcntl
 import json
-import math
 import os
 import shutil
 import tempfile
-import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NotRequired, Self, TypedDict
 
-import numpy as np
 import pandas as pd
 import pyarrow as pa
 from pyarrow import parquet
 
 from bench.messages import columns
-from bench.messages.columns import Column, named
-from bench.messages.task import Row, Task
-from bench.problem_files import npz
+from bench.messages.columns import named
+from bench.part_file import STREAM, TIMES, PartFile, PartFileError, times_of
 from bench.problem_files.program import ProblemFileError
 from bench.problems.protocol import RaceProblem
+from bench.race_table import KEY, ROWS
 from bench.timing import machine
 from piezo_model import json_file
 from piezo_model.atomic_file import replacing, write_text
-from piezo_model.json_file import FileName, decoded, packed, unpacked
+from piezo_model.json_file import FileName
 
 VERSION = 6
 """Version of the run folder; raise it when the settings, the columns or their meaning change."""
-TIMES = columns.schema(named("task", "timed", "repeat", "what", "ns"))
 SENTINEL = columns.schema(named("host", "core", "at_s", "ns", "level_ns", "ratio"))
-
-
-@dataclass(frozen=True)
-class Schema:
-    """The table of a race."""
-
-    file: str
-    columns: tuple[Column, ...]
-    """Its columns besides ``task``, and those of its summary."""
-    order: tuple[str, ...]
-    """Columns by which the rows are sorted, and which identify a row."""
-
-    @property
-    def arrow(self) -> pa.Schema:
-        """Columns of the rows with their types."""
-        return columns.schema((*named("task", "machine"), *self.columns))
-
-    def row(self, **known: Any) -> Row:
-        """A row with the known values; other columns hold "", 0, False or NaN."""
-        empty = {pa.large_string(): "", pa.int64(): 0, pa.bool_(): False}
-        return {
-            field.name: () if pa.types.is_list(field.type) else empty.get(field.type, math.nan) for field in self.arrow
-        } | known
 
 
 class RunError(ValueError):
@@ -151,7 +123,7 @@ class Run:
             results.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryDirectory(prefix=f".{name}.", dir=results) as temporary:
                 new = Path(temporary, "run")
-                for folder in ("problems", "tasks"):
+                for folder in ("problems", "parts"):
                     (new / folder).mkdir(parents=True)
                 write_text(new / "run.json", json.dumps({**settings, "version": VERSION}, indent=1) + "\n")
                 new.rename(run.path)
@@ -175,7 +147,7 @@ class Run:
 
     def discard(self) -> None:
         """Remove the folder of a race that was refused, unless a task is done."""
-        if (self.path / "tasks").is_dir() and not self._task_files():
+        if (self.path / "parts").is_dir() and not any(part.rows for part in self.parts()):
             shutil.rmtree(self.path)
 
     @contextmanager
@@ -225,72 +197,39 @@ class Run:
         except ProblemFileError as error:
             raise RunError(f"{error}; remove the file and resume the run, and it is made again") from None
 
-    def _task_file(self, task: Task) -> Path:
-        return self.path / "tasks" / f"{task.key}.npz"
+    def part(self, name: str) -> PartFile:
+        """What is done of a part of the race; RunError if its file is damaged."""
+        return _part(self.path / "parts" / f"{name}.arrow")
 
-    def _task_files(self) -> list[Path]:
-        """The files of the finished tasks; an interrupted write leaves a hidden file."""
-        return sorted((self.path / "tasks").glob("[!.]*.npz"))
+    def parts(self) -> list[PartFile]:
+        """All parts that were begun, during the race; an interrupted write leaves a hidden file."""
+        return [_part(path) for path in sorted((self.path / "parts").glob("[!.]*.arrow"))]
 
-    def is_done(self, task: Task) -> bool:
-        """Whether the file of the task is complete."""
-        return zipfile.is_zipfile(self._task_file(task))
+    def rows_so_far(self) -> pd.DataFrame:
+        """The rows of all finished tasks, during the race."""
+        return pa.concat_tables([part.table for part in self.parts()] or [STREAM.empty_table()]).to_pandas()
 
-    def save(self, task: Task, rows: Sequence[Mapping[str, Any]], times: Mapping[str, Any]) -> None:
-        """Save the rows of a finished task with the machine that this is, and its raw times by name."""
+    def note_machine(self) -> str:
+        """Describe this machine in the run; returns what its rows have in the column ``machine``."""
         here = machine.describe()
         described = self.path / "machines" / f"{machine.key(here)}.json"
         if not described.exists():
             described.parent.mkdir(exist_ok=True)
             write_text(described, json.dumps(here, indent=1) + "\n")
-        rows = [{**row, "machine": described.stem} for row in rows]
-        with replacing(self._task_file(task), durable=False) as temporary, temporary.open("wb") as file:
-            np.savez(file, rows=np.array(json.dumps(packed(rows))), **times)
+        return described.stem
 
-    def task(self, task: Task) -> tuple[list[Row], dict[str, Any]]:
-        """Rows and raw times of a finished task."""
-        return _load(self._task_file(task))
-
-    def rows_so_far(self) -> list[Row]:
-        """The rows of all finished tasks, during the race."""
-        return [row for path in self._task_files() if zipfile.is_zipfile(path) for row in _load(path)[0]]
-
-    def _notes_file(self, name: str) -> Path:
-        return self.path / "tasks" / f"{name}.json"
-
-    def save_notes(self, name: str, notes: Mapping[str, Any]) -> None:
-        """Save the notes on a part of the race, which mark it as finished."""
-        os.sync()  # its tasks, which were not flushed one by one
-        write_text(self._notes_file(name), json.dumps(notes))
-
-    def has_notes(self, name: str) -> bool:
-        """Whether a part of the race is finished."""
-        return self._notes_file(name).is_file()
-
-    def all_notes(self) -> list[dict[str, Any]]:
-        """The notes on all finished parts, during the race: host, core, disturbances, the sentinel's samples."""
-        return [
-            json_file.read(path, dict[str, Any], RunError) for path in sorted((self.path / "tasks").glob("[!.]*.json"))
-        ]
-
-    def is_finished(self, schema: Schema) -> bool:
+    def is_finished(self) -> bool:
         """Whether the tables are complete."""
-        return (self.path / schema.file).is_file() and not (self.path / "tasks").exists()
+        return (self.path / "rows.parquet").is_file() and not (self.path / "parts").exists()
 
-    def finish(self, schema: Schema) -> None:
-        """Gather the tasks into tables; their files are removed, all at once, when the tables are complete."""
-        rows, times = [], []
-        for path in self._task_files():
-            of_task, raw = _load(path)
-            rows += of_task
-            key = {name: of_task[0].get(name) for name in TIMES.names[:3]}
-            times += [{**key, "what": what, "ns": ns} for what, ns in raw.items()]
-        table, raw_times = pa.Table.from_pylist(rows, schema.arrow), pa.Table.from_pylist(times, TIMES)
-        table = table.sort_by([(name, "ascending") for name in schema.order])
-        for file, content in (("times.parquet", raw_times), (schema.file, table)):
+    def finish(self) -> None:
+        """Gather the parts into tables; their files are removed, all at once, when the tables are complete."""
+        table = pa.concat_tables([part.table for part in self.parts()])
+        rows = table.select(ROWS.names).sort_by([(name, "ascending") for name in KEY])
+        for file, content in (("times.parquet", times_of(table)), ("rows.parquet", rows)):
             with replacing(self.path / file) as temporary:
                 parquet.write_table(content, temporary)
-        shutil.rmtree((self.path / "tasks").rename(self.path / ".tasks"))
+        shutil.rmtree((self.path / "parts").rename(self.path / ".parts"))
 
     @property
     def machines(self) -> dict[str, Machine]:
@@ -322,10 +261,10 @@ class Run:
         known = rows.machine[rows.machine.isin(machines)]
         return machines[known.mode().iloc[0]] if len(known) else next(iter(machines.values()))
 
-    def rows(self, schema: Schema) -> pd.DataFrame:
+    def rows(self) -> pd.DataFrame:
         """The table of a finished run, each row with a machine that the run describes."""
-        table = self._table(schema.file, schema.arrow, ("task", *schema.order))
-        self.check_machines(table, schema.file)
+        table = self._table("rows.parquet", ROWS, ("task", *KEY))
+        self.check_machines(table, "rows.parquet")
         return table
 
     def times(self) -> pd.DataFrame:
@@ -346,11 +285,8 @@ class Run:
             raise RunError(f"{path}: {error}") from None
 
 
-def _load(path: Path) -> tuple[list[Row], dict[str, Any]]:
-    """Rows and raw times in the file of a task; RunError if it is damaged."""
+def _part(path: Path) -> PartFile:
     try:
-        with npz.opened(path) as data:
-            times = {name: data[name] for name in data.files if name != "rows"}
-            return unpacked(decoded(str(data["rows"]), list[Row])), times
-    except ProblemFileError as error:
-        raise RunError(f"{error}; remove the file and resume the run, and the task is done again") from None
+        return PartFile(path)
+    except PartFileError as error:
+        raise RunError(str(error)) from None

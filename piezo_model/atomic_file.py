@@ -8,10 +8,8 @@ from pathlib import Path
 
 
 @contextmanager
-def replacing(path: str | Path, durable: bool = True) -> Iterator[Path]:
+def replacing(path: str | Path) -> Iterator[Path]:
     """Yield a temporary path in the target's folder; on success it replaces the target, on failure it is deleted.
-
-    Without ``durable`` nothing is flushed to disk, which saves milliseconds; a loss of power may then break the file.
 
     Examples
     --------
@@ -31,11 +29,9 @@ def replacing(path: str | Path, durable: bool = True) -> Iterator[Path]:
         mask = os.umask(0)
         os.umask(mask)
         temporary.chmod(0o666 & ~mask)  # mkstemp is private; an ordinary new file is not
-        if durable:
-            _flush(temporary)
+        _flush(temporary)
         temporary.replace(path)
-        if durable:
-            _flush(path.parent)  # the new directory entry, too, not only the content
+        _flush(path.parent)  # the new directory entry, too, not only the content
     finally:
         temporary.unlink(missing_ok=True)
 

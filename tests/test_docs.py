@@ -18,10 +18,11 @@ from command_line import CommandLine
 from programs import library
 
 from bench.cli.app import command_line
-from bench.derived.measurements import ROWS, Measurements
+from bench.derived.measurements import Measurements
 from bench.derived.ranking import like_with_like, ranking
 from bench.derived.verdict import KNOWN
 from bench.messages.task import Status, Tier
+from bench.race_table import COLUMNS
 from bench.report.words import joined, marked, number, rounded
 from bench.store import Run
 from piezo_model import ModelStructure, SelfLearningCompensator, plants
@@ -71,7 +72,7 @@ def test_the_page_on_the_report_explains_every_status_lane_and_tier_and_names_ex
     for word in (*Status, *Lane, *Tier):
         assert f"`{word}`" in READING, word
     for heading in ("lane", "tier", "worst gap", "right", "periods"):
-        assert heading in {column.heading for column in ROWS.columns}
+        assert heading in {column.heading for column in COLUMNS}
         assert re.search(rf"^\| [^|]*\b{heading}\b", READING, flags=re.MULTILINE), heading
 
 
@@ -270,7 +271,7 @@ def test_the_figures_below_the_picture_are_those_of_the_reference_run() -> None:
             f"{turns.ratio:.2f}",
         )
         assert f"| {' | '.join(cells)} |" in README.read_text(encoding="utf-8")
-    core = run.machine_of(run.rows(ROWS))["core"].partition(",")[0]
+    core = run.machine_of(run.rows())["core"].partition(",")[0]
     assert f"on one core with {core}:" in README.read_text(encoding="utf-8")
 
 

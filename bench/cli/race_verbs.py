@@ -9,11 +9,9 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
-import pandas as pd
 import typer
 
 from bench.cli.options import SET_OPTIONS, AsJson, Seed, grouped, on_workers, require, set_options
-from bench.derived.measurements import ROWS
 from bench.messages.task import RaceError
 from bench.problems import ProblemSetError
 from bench.processes import engine, forked_child, solver_child
@@ -210,7 +208,7 @@ def resume_verb(
 ) -> None:
     """Continue an interrupted race; finished tasks are kept."""
     opened = open_run(run)
-    if opened.is_finished(ROWS):
+    if opened.is_finished():
         if not as_json:
             console.print(f"{run} is finished already.")
         report_verb(run, as_json)
@@ -224,8 +222,8 @@ def resume_verb(
                 if file in used
                 else f"{run}: the race did not use {file}"
             )
-        if rows := opened.rows_so_far():
-            opened.check_machines(pd.DataFrame(rows), "tasks")
+        if len(rows := opened.rows_so_far()):
+            opened.check_machines(rows, "parts")
         with _resumable(run, used):
             _finish(opened, workers, as_json)
 

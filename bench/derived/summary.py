@@ -18,12 +18,13 @@ from contextlib import suppress
 import numpy as np
 import pandas as pd
 
-from bench.derived.measurements import FLOOR, ROWS, Measurements, at_tiers, merged
+from bench.derived.measurements import FLOOR, Measurements, at_tiers, merged
 from bench.derived.tiers import LANE, distance
 from bench.messages.columns import Column, combined
 from bench.messages.task import Status, Tier
 from bench.problem_files.miss import Miss
 from bench.problems.fresh import mixture
+from bench.race_table import COLUMNS
 from bench.report.words import marked, settings_label
 from bench.store import Run, RunError
 from bench.timing.percentiles import percentile
@@ -54,7 +55,7 @@ def summary(measurements: Measurements) -> pd.DataFrame:
     )
     rows = pd.concat([measurements.tiers, nothing], ignore_index=True)
     tasks = rows.groupby(GROUP, dropna=False).task
-    table = combined(rows, ROWS.columns, GROUP).assign(
+    table = combined(rows, COLUMNS, GROUP).assign(
         answer_us_p99=[percentile(measurements.pooled(of_line), 0.99).value or math.nan for _, of_line in tasks]
     )
     table = table.assign(

@@ -53,7 +53,7 @@ def drive(race: Race, workers: engine.Workers) -> None:
 
 def note_conditions(race: Race) -> None:
     """Save the condition of the machine during the race, with warnings about less certain times."""
-    run, notes = race.run, race.run.all_notes()
+    run, notes = race.run, [part.notes for part in race.run.parts() if part.notes is not None]
     samples = sentinel.table(notes)
     with replacing(run.path / "sentinel.parquet") as temporary:
         samples.to_parquet(temporary, index=False)

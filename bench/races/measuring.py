@@ -19,12 +19,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.derived.measurements import FLOOR, ROWS
+from bench.derived.measurements import FLOOR
 from bench.messages.task import NO_SETTING, Outcome, Row, Task
 from bench.problem_files.program import fields_of
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild
+from bench.race_table import complete
 from bench.races.metrics import judge, judge_timed
 from bench.races.worker import Further, SetUp, TimedSolver
 from bench.timing.clock import LEAST_SHARE, LONG_NS, Effort, answers_us
@@ -195,7 +196,7 @@ def interleave(
     return [(task, outcomes[task.key]) for task in tasks]
 
 
-def row_of(problem: RaceProblem, task: Task, outcome: Outcome, fresh: FreshData | None, few: int) -> Row:
+def row_of(problem: RaceProblem, task: Task, outcome: Outcome, fresh: FreshData | None, few: int, machine: str) -> Row:
     """The row of a task, whose timed answers are to ``fresh`` data; at most ``few`` are judged in exact arithmetic.
 
     A percentile is NaN if the sample is too small for it.
@@ -208,10 +209,11 @@ def row_of(problem: RaceProblem, task: Task, outcome: Outcome, fresh: FreshData 
     cpu_us, steps, x = outcome.cpu_ns / max(solve.size, 1) / 1e3, outcome.settings.get("steps"), outcome.x
     us, solve_us = answers_us(update, solve, cpu_us), solve / 1e3
     span_um = math.nan if validation is None else validation.span_um
-    return ROWS.row(
+    return complete(
         **{
             **task.columns(outcome.settings),
             "task": task.subject,
+            "machine": machine,
             "digest": problem.digest,
             "period_us": problem.period_us,
             **judgement,

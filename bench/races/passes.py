@@ -30,6 +30,7 @@ import pandas as pd
 from bench.derived.measurements import FLOOR, HOT, INTERLEAVED, SCHEDULED, at_tiers
 from bench.derived.tiers import supported, tier_settings
 from bench.messages.task import Outcome, Row, Start, Status, Task, Tier, Timed
+from bench.part_file import PartFile
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.sentinel import EVERY_S
@@ -46,6 +47,8 @@ from solvers.registry import FAMILIES, Described
 
 Tell = Callable[[Task], None]
 """Called with each task before it starts."""
+Save = Callable[..., None]
+"""Called with each task, its outcome and the data of its calls."""
 LONGEST = 0.1
 """Longest answer after which tighter settings are tried, in time limits."""
 LONGEST_INTERLEAVED_US = 1000.0
@@ -90,73 +93,77 @@ class Pass:
     def do(self, pool: SolverPool, tell: Tell) -> None:
         """Do the tasks that are not done yet, monitor the machine, and save notes at the end."""
         run = Run(self.run)
-        if run.has_notes(self.name):
+        part = run.part(self.name)
+        if part.notes is not None:
             return
         pool.begin(self.repeat)
         described_by(run, pool)
-        pool.sentinel.sample()
-        before = machine.counters()
-        rows = self._work(run, pool, tell)
-        between = machine.between(before, machine.counters())
-        pool.sentinel.sample()
-        run.save_notes(
-            self.name,
-            {
-                "host": os.uname().nodename,
-                "core": pool.core,
-                "sentinel": pool.sentinel.take_samples(),
-                **between,
-                "preemptions": sum(row["preemptions"] for row in rows),
-                "timed_calls": sum(row["samples"] for row in rows),
-            },
-        )
+        with part.appended():
+            pool.sentinel.sample()
+            before = machine.counters()
+            self._work(part, run.note_machine(), pool, tell)
+            between = machine.between(before, machine.counters())
+            pool.sentinel.sample()
+            part.finish(
+                {
+                    "host": os.uname().nodename,
+                    "core": pool.core,
+                    "sentinel": pool.sentinel.take_samples(),
+                    **between,
+                    "preemptions": sum(row["preemptions"] for row in part.rows.values()),
+                    "timed_calls": sum(row["samples"] for row in part.rows.values()),
+                }
+            )
 
-    def _work(self, run: Run, pool: SolverPool, tell: Tell) -> list[Row]:
-        """Measure one ladder after the other, then interleave the tasks that are; returns the rows."""
+    def _work(self, part: PartFile, here: str, pool: SolverPool, tell: Tell) -> None:
+        """Measure one ladder after the other, then interleave the tasks that are; ``here`` is this machine."""
+
+        def save(task: Task, outcome: Outcome, fresh: FreshData | None = None) -> None:
+            """Judge an outcome, and save its row and its raw times."""
+            part.save(row_of(self.problem, task, outcome, fresh, self.proven, here), outcome.times)
 
         @cache
         def fresh(place: int, way: Timed, start: Start) -> FreshData:
             """Data of a task, other for each setting of a solver, so that answers kept from another are of no use."""
             return FreshData(self.form, self.settings.schedule if way == SCHEDULED else self._effort(way).most)
 
-        rows: list[Row] = []
         for (_, _, way, start), ladder in groupby(
             self.tasks, lambda task: (task.solver, task.lane, task.timed, task.start)
         ):
             if way != INTERLEAVED:
-                rows += self._ladder(run, pool, tell, [(task, fresh(i, way, start)) for i, task in enumerate(ladder)])
+                self._ladder(part, save, pool, tell, [(task, fresh(i, way, start)) for i, task in enumerate(ladder)])
         for start in ("cold", "warm"):
-            rows += self._interleaved(
-                run, pool, tell, [task for task in self.tasks if (task.timed, task.start) == (INTERLEAVED, start)]
-            )
-        return rows
+            tasks = [task for task in self.tasks if (task.timed, task.start) == (INTERLEAVED, start)]
+            if any(task.key not in part.rows for task in tasks):
+                drawn, seed = FreshData(self.form, self.settings.rounds), f"{self.settings.seed} {self.name}"
+                for task, outcome in interleave(tasks, pool.children, self.form, drawn, seed):
+                    tell(task)
+                    if task.key not in part.rows:
+                        save(task, outcome, drawn)
 
     def _effort(self, way: Timed) -> Effort:
         return Effort(1.0, 1, self.calls) if way == "long" else self.settings.effort
 
-    def _ladder(self, run: Run, pool: SolverPool, tell: Tell, tasks: Sequence[tuple[Task, FreshData]]) -> list[Row]:
+    def _ladder(
+        self, part: PartFile, save: Save, pool: SolverPool, tell: Tell, tasks: Sequence[tuple[Task, FreshData]]
+    ) -> None:
         """Measure the settings of one solver lane."""
-        rows: list[Row] = []
         end = ""
         for task, fresh in tasks:
             tell(task)
-            if run.is_done(task):
-                rows += run.task(task)[0]
-            elif end:
-                why = f"a looser setting {end} on this problem"
-                rows.append(self._save(run, task, Outcome(str(Status.NOT_RUN), why)))
-            else:
+            if task.key not in part.rows and end:
+                save(task, Outcome(str(Status.NOT_RUN), f"a looser setting {end} on this problem"))
+            elif task.key not in part.rows:
                 idle = pool.children[null_solver.ENTRY.name, null_solver.ENTRY.lane]
                 outcome = (
                     scheduled(pool.child(task), task, self.form, fresh)
                     if task.timed == SCHEDULED
                     else timed(pool.child(task), idle, task, self.form, fresh, self._effort(task.timed))
                 )
-                rows.append(self._save(run, task, outcome, fresh))
+                save(task, outcome, fresh)
                 pool.sentinel.sample(unless_within_s=EVERY_S)
             if task.setting.rung >= 0:
-                end = end or self._end_of_ladder(rows[-1])
-        return rows
+                end = end or self._end_of_ladder(part.rows[task.key])
 
     def _end_of_ladder(self, row: Row) -> str:
         """Why tighter settings than that of a row are skipped on this problem, or ""."""
@@ -165,26 +172,10 @@ class Pass:
         longest_s = LONGEST * self.settings.time_limit_s
         return f"took longer than {longest_s:g} s" if row["answer_us"] > 1e6 * longest_s else ""
 
-    def _interleaved(self, run: Run, pool: SolverPool, tell: Tell, tasks: Sequence[Task]) -> list[Row]:
-        """Interleave the tasks, unless all are done, and save those that are not."""
-        if not all(run.is_done(task) for task in tasks):
-            fresh, seed = FreshData(self.form, self.settings.rounds), f"{self.settings.seed} {self.name}"
-            for task, outcome in interleave(tasks, pool.children, self.form, fresh, seed):
-                tell(task)
-                if not run.is_done(task):
-                    self._save(run, task, outcome, fresh)
-        return [run.task(task)[0][0] for task in tasks]
-
-    def _save(self, run: Run, task: Task, outcome: Outcome, fresh: FreshData | None = None) -> Row:
-        """Judge an outcome, and save its row and its raw times."""
-        row = row_of(self.problem, task, outcome, fresh, self.proven)
-        run.save(task, [row], outcome.times)
-        return row
-
 
 def second_pass(run: Run, settings: RaceSettings, field: Sequence[Described], first: Sequence[Pass]) -> Iterator[Pass]:
     """The parts of the second pass, planned from the cold hot rows, all of which are there."""
-    rows = pd.DataFrame(run.rows_so_far())
+    rows = run.rows_so_far()
     rows = rows[(rows.timed == HOT) & (rows.start == "cold")]
     tasks = max(1, len({part.problem.name for part in first}) * settings.repeats)
     calls = max(ENOUGH_JUDGED, math.ceil(CANDIDATE_CALLS / tasks))

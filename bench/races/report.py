@@ -8,10 +8,11 @@ from pathlib import Path
 import pandas as pd
 
 from bench.derived import ranking, schedule, summary, verdict
-from bench.derived.measurements import FLOOR, ROWS, Measurements
+from bench.derived.measurements import FLOOR, Measurements
 from bench.derived.tiers import distance, failed, measured
 from bench.messages.columns import Column
 from bench.problem_files.miss import Miss
+from bench.race_table import COLUMNS
 from bench.races.figures import figures
 from bench.races.settings import RaceSettings
 from bench.report.report import Report, Table
@@ -123,7 +124,7 @@ def report(run: Run, race: RaceSettings) -> Report:
             Table.of(
                 "Every solver at every tier",
                 shown.assign(right=right.mask(shown.status == summary.NOTHING, "–")),
-                ROWS.columns,
+                COLUMNS,
                 3,
                 filters=("problem set", "scaling", "lane", "tier", "start", "status"),
                 file="summary.csv",
@@ -135,8 +136,8 @@ def report(run: Run, race: RaceSettings) -> Report:
                 5,
                 filters=("lane", "problem", "status"),
                 note="Problems on which a solver is not within 1e-9, at its setting for 1e-9 or the one that is right "
-                "on most of them; solvers that are right on none are left out, but for yours. Timed gap: the largest gap "
-                "or violation among the timed answers that were judged.",
+                "on most of them; solvers that are right on none are left out, but for yours. Timed gap: the largest "
+                "gap or violation among the timed answers that were judged.",
             ),
             Table.of(
                 "Our solver against each other solver",

@@ -4,7 +4,6 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from bench.derived.measurements import ROWS
 from bench.messages.task import Progress
 from bench.processes.engine import Workers
 from bench.races.driver import drive
@@ -50,7 +49,7 @@ def carry_on(run: Run, progress: Progress, workers: Workers) -> None:
     with run.exclusive():
         drive(Race(run, settings_of(run), progress), workers)
         progress("gathering the tables", 0, 1)
-        run.finish(ROWS)
+        run.finish()
 
 
 def write(run: Run) -> tuple[Report, Path]:

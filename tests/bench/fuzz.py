@@ -29,13 +29,13 @@ from random_models import Case, cases
 from recording_files import error_of
 from test_recording_formats import FORMATS, made
 
-from bench.derived.measurements import ROWS
 from bench.export.building import EXACT, WARNINGS
 from bench.export.fmu import write_fmu
 from bench.export.settings import SOLVERS, ExportError, ExportSettings
 from bench.problem_files import ProblemFileError, read
 from bench.problems.protocol import RaceProblem
 from bench.processes.child_process import Child, LostError
+from bench.race_table import KEY, ROWS
 from bench.races.runs import open_run
 from bench.rendering import c_comment, c_string, markdown, terminal, xml
 from bench.store import Run, RunError
@@ -125,7 +125,7 @@ VALUES = st.one_of(*(st.lists(cells, min_size=3, max_size=3) for cells in CELL_T
 def rows(pick: Any) -> bytes:
     """Rows of the reference run with other values in one column."""
     table = parquet.read_table(REFERENCE / "rows.parquet").slice(0, 3)
-    name = pick(st.sampled_from(ROWS.arrow.names))
+    name = pick(st.sampled_from(ROWS.names))
     try:
         column = pa.array(pick(VALUES))
     except (pa.ArrowException, UnicodeEncodeError, OverflowError):
@@ -196,7 +196,7 @@ READERS = {
     "rows, Parquet": Reader(
         rows(),
         "run/rows.parquet",
-        lambda path: Run(path.parent)._table(path.name, ROWS.arrow, ("task", *ROWS.order)),
+        lambda path: Run(path.parent)._table(path.name, ROWS, ("task", *KEY)),
         RunError,
     ),
     "program, NPZ": Reader(

@@ -9,10 +9,11 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from bench.derived.measurements import ROWS, Measurements
+from bench.derived.measurements import Measurements
 from bench.derived.tiers import right
 from bench.messages.task import PAPER, Outcome, Row, Tier
 from bench.problems.protocol import RaceProblem
+from bench.race_table import ROWS, complete
 from bench.races.metrics import judge
 from bench.store import TIMES
 from bench.timing.schedule import PERIOD_US
@@ -43,7 +44,7 @@ ORDINARY: Row = {
 
 def row(**known: Any) -> Row:
     """A measurement: by default the right answer of a library in a microsecond."""
-    found = ROWS.row(**{**ORDINARY, **known})
+    found = complete(**{**ORDINARY, **known})
     of_all_repeats = [
         str(found[part]) for part in ("problem_set", "problem", "scaling", "solver", "lane", "setting", "start")
     ]
@@ -86,12 +87,12 @@ def steps(gaps: Mapping[str, Sequence[float]], **known: Any) -> list[Row]:
 
 def table(rows: Iterable[Row]) -> pd.DataFrame:
     """The rows as a run returns them."""
-    return pa.Table.from_pylist(list(rows), ROWS.arrow).to_pandas()
+    return pa.Table.from_pylist(list(rows), ROWS).to_pandas()
 
 
 def judged(problem: RaceProblem, scaling: Scaling, outcome: Outcome) -> SimpleNamespace:
     """The columns of a judged outcome; those that it does not have are as in a row."""
-    return SimpleNamespace(**ROWS.row(**judge(problem, scaling, outcome)))
+    return SimpleNamespace(**complete(**judge(problem, scaling, outcome)))
 
 
 def is_right(found: SimpleNamespace, tier: Tier) -> bool:

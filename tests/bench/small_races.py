@@ -12,15 +12,16 @@ from pathlib import Path
 
 import faulty_solvers
 import hostile_files
-import numpy as np
 import pandas as pd
 import pytest
 from browser import Browser
 from command_line import CommandLine, Finished
 from programs import library
 
-from bench.derived.measurements import ROWS, Measurements
-from bench.store import Run, Schema
+from bench.derived.measurements import Measurements
+from bench.messages.task import Row
+from bench.race_table import ROWS
+from bench.store import Run
 from bench.timing import cores
 
 TWO_CORES = pytest.mark.skipif(len(cores.usable()) < 2, reason="two workers need two cores")
@@ -80,7 +81,7 @@ def commit_of(folder: Path) -> str:
 def commits(run: Run) -> pd.Series:
     """The commit that made each row."""
     machines = run.machines
-    return run.rows(ROWS).machine.map(lambda key: machines[key]["environment"]["commit"])
+    return run.rows().machine.map(lambda key: machines[key]["environment"]["commit"])
 
 
 SMALL = (
@@ -109,31 +110,9 @@ TASKS = 25
 data, and the floor on both."""
 
 
-def saved(run: Run, what: str) -> dict[str, np.ndarray]:
-    """An array of each finished task, by task."""
-    found = {}
-    for path in (run.path / "tasks").glob("[!.]*.npz"):
-        with np.load(path) as data:
-            found[path.stem] = data[what]
-    return found
-
-
-@dataclass(frozen=True)
-class Resumed:
-    """An array of each task that was finished when the race was killed, and the call that resumed it."""
-
-    kept: dict[str, np.ndarray]
-    call: Finished
-
-
-def killed_and_resumed(piezobench: CommandLine, run: Run, what: str, tasks: int, *words: object) -> Resumed:
-    """Kill a race after ``tasks`` finished tasks, and resume it to its end."""
-    piezobench.start(*words).kill_once(lambda: len(list((run.path / "tasks").glob("[!.]*.npz"))) >= tasks)
-    kept = saved(run, what)
-    assert len(kept) >= tasks
-    files = [word for word in words if str(word).endswith(".py")]
-    done = piezobench.run("resume", run.path, *(word for file in files for word in ("--solver", file)))
-    return Resumed(kept, done)
+def saved(run: Run) -> dict[str, Row]:
+    """The row of each finished task, during the race."""
+    return {key: row for part in run.parts() for key, row in part.rows.items()}
 
 
 def race_of(piezobench: CommandLine, out: Path, name: str, *words: object) -> Race:
@@ -141,7 +120,7 @@ def race_of(piezobench: CommandLine, out: Path, name: str, *words: object) -> Ra
     call = piezobench("race", "--out", out, "--name", name, *words)
     assert call.status == ("\nWrong: " in call.stdout), (call.stdout, call.stderr)
     run = Run.open(out / name)
-    return Race(run, run.rows(ROWS), call)
+    return Race(run, run.rows(), call)
 
 
 def raced(piezobench: CommandLine, out: Path, name: str, *words: object) -> Race:
@@ -149,15 +128,13 @@ def raced(piezobench: CommandLine, out: Path, name: str, *words: object) -> Race
     return race_of(piezobench, out, name, *(SMALL[2:] if "--set" in words else SMALL), *words)
 
 
-def assert_harmless(
-    piezobench: CommandLine, browser: Browser, run: Run, schema: Schema, folder: Path, labels: bool
-) -> None:
+def assert_harmless(piezobench: CommandLine, browser: Browser, run: Run, folder: Path, labels: bool) -> None:
     """Code in the texts of a run is not evaluated in its report: in all of them but the needed ones if ``labels``, else
     in one column after the other."""
-    for number, (columns, payloads) in enumerate(hostile_files.hostile_texts(schema.arrow, labels)):
+    for number, (columns, payloads) in enumerate(hostile_files.hostile_texts(ROWS, labels)):
         copy = Run(folder / f"{'-'.join(columns)[:40]}-{number}")
         shutil.copytree(run.path, copy.path)
-        hostile_files.make_hostile(copy, schema.file, columns, payloads)
+        hostile_files.make_hostile(copy, "rows.parquet", columns, payloads)
         call = piezobench("report", copy.path, folder=folder)
         assert not list(folder.rglob("HARMED")), (columns, payloads)
         if call.status:

@@ -27,12 +27,12 @@ from pyarrow import parquet
 from qpsolvers import Problem
 from small_races import Race
 
-from bench.derived.measurements import ROWS
 from bench.messages import user_cache
 from bench.messages.task import Tier
 from bench.problem_files import ProblemFileError
 from bench.problems.proofs import proof
 from bench.problems.protocol import RaceProblem
+from bench.race_table import ROWS
 from bench.races.runs import open_run
 from bench.store import Run, RunError
 from piezo_model import HysteresisCreepModel, ModelError, ModelStructure, SelfLearningCompensator
@@ -150,7 +150,7 @@ def test_a_run_whose_settings_do_not_fit_is_refused_by_file_and_field(run: Run) 
 @pytest.mark.parametrize(
     ("file", "read"),
     [
-        ("rows.parquet", lambda run: run.rows(ROWS)),
+        ("rows.parquet", lambda run: run.rows()),
         ("times.parquet", Run.times),
         ("sentinel.parquet", Run.sentinel_samples),
     ],
@@ -270,7 +270,7 @@ def test_no_text_of_a_run_is_evaluated_in_a_comparison_or_a_decision(
     piezobench: CommandLine, clean_race: Race, tmp_path: Path
 ) -> None:
     alone = [([name], PAYLOADS) for name in ("setting", "settings", "solver", "problem", "host")]
-    for columns, payloads in (*hostile_texts(ROWS.arrow, together=True), *alone):
+    for columns, payloads in (*hostile_texts(ROWS, together=True), *alone):
         shutil.rmtree(tmp_path / "run", ignore_errors=True)
         shutil.copytree(clean_race.run.path, tmp_path / "run")
         make_hostile(Run(tmp_path / "run"), "rows.parquet", set(columns) - {"task"}, payloads)
@@ -298,7 +298,7 @@ class Mine(Daqp):
 def unfinished(race: Race, folder: Path, **settings: object) -> Path:
     """A run of which no task is done, with other settings."""
     noted = race.run.settings
-    for name in ("tasks", "problems"):
+    for name in ("parts", "problems"):
         (folder / name).mkdir(parents=True)
     (folder / "run.json").write_text(json.dumps({**noted, "settings": {**noted["settings"], **settings}}))
     return folder
@@ -324,7 +324,7 @@ def test_a_run_that_names_a_python_file_is_continued_only_with_that_file(
     assert "raced mine (direct) in version 0badc0de, and" in piezobench(*words[:-2], folder=tmp_path).refusal
     Run(run).note(field={})
     piezobench.run(*words[:-2], folder=tmp_path)
-    assert "mine" in set(Run(run).rows(ROWS).solver)
+    assert "mine" in set(Run(run).rows().solver)
 
 
 def test_no_verb_for_a_finished_run_executes_the_python_files_that_it_names(
@@ -369,7 +369,7 @@ def test_a_run_that_names_a_test_set_is_continued_only_with_its_file(
     assert "'Mine' object is not iterable" in piezobench("resume", run, "--test-set", tmp_path / "mine.py").refusal
 
 
-@pytest.mark.parametrize("link", ["figures", "tasks", "problems", "models"])
+@pytest.mark.parametrize("link", ["figures", "parts", "problems", "models"])
 def test_a_run_that_links_to_another_folder_is_refused_and_that_folder_is_untouched(
     piezobench: CommandLine, run: Run, tmp_path: Path, link: str
 ) -> None:

@@ -136,7 +136,7 @@ def test_an_honest_randomised_solver_is_right_in_every_run(tmp_path: Path) -> No
         for _ in range(RUNS):
             fresh = FreshData(form, 20)
             outcome = timed(child, idle, task, form, fresh, Effort(0.0, 20, 20))
-            row = row_of(problem, task, outcome, fresh, 5)
+            row = row_of(problem, task, outcome, fresh, 5, "")
             assert (row["status"], row["judged"]) == (Status.OK, 20), row["message"]
             assert max(row["timed_gap"], row["cost_gap"]) <= 1e-9
             assert np.isnan(row["cpu_us"])

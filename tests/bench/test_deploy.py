@@ -21,9 +21,10 @@ from small_races import Race, raced
 from bench.deploy.actuator_model import model_for
 from bench.deploy.candidates import QUANTILES, UNSEEN, Candidate, Rule, explained
 from bench.deploy.decision import Decision, decide
-from bench.derived.measurements import ROWS, Measurements
+from bench.derived.measurements import Measurements
 from bench.derived.summary import summary
 from bench.messages.task import Row
+from bench.race_table import ROWS
 from bench.store import TIMES, Run, RunError
 from bench.timing import machine
 from bench.timing.percentiles import rate_bound
@@ -79,12 +80,12 @@ def run_of(
 ) -> Run:
     """A finished run with these rows and times."""
     made, here = Run.create(folder, {"settings": {}}, "run"), machine.describe()
-    (made.path / "tasks").rmdir()
+    (made.path / "parts").rmdir()
     (made.path / "machines").mkdir()
     (made.path / "machines" / f"{machine.key(here)}.json").write_text(json.dumps(here))
     both = [each for part in parts for each in part]
     rows = [{**one, "machine": machine.key(here)} for one, _ in both]
-    parquet.write_table(pa.Table.from_pylist(rows, ROWS.arrow), made.path / ROWS.file)
+    parquet.write_table(pa.Table.from_pylist(rows, ROWS), made.path / "rows.parquet")
     times = [
         {**{name: one.get(name) for name in TIMES.names[:4]}, "what": name, "ns": np.round(1e3 * ns).astype(np.int64)}
         for one, us in both
@@ -416,7 +417,7 @@ def test_a_solver_of_a_users_file_is_not_deployed_however_good(piezobench: Comma
 
 def test_a_problem_can_be_named_and_an_unknown_one_is_refused(wide_race: Race) -> None:
     run = wide_race.run
-    names = ["/".join(name) for name in run.rows(ROWS)[["problem_set", "problem"]].drop_duplicates().to_numpy()]
+    names = ["/".join(name) for name in run.rows()[["problem_set", "problem"]].drop_duplicates().to_numpy()]
     for name in names:
         assert model_for(run, problem=name, simulated=True).certificate["problem_of_run"] == name
     with pytest.raises(RunError, match="has no problem 'paper/none'; there are "):

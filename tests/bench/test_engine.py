@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import faulty_solvers
@@ -15,7 +16,6 @@ from programs import library
 from small_races import MACHINES, SMALL, THIRD, TWO_CORES, Race, checkout, commit_of, commits, saved
 from test_store import of_first_answers
 
-from bench.derived.measurements import ROWS
 from bench.messages.task import RaceError
 from bench.processes.engine import check_cores
 from bench.store import Run
@@ -23,7 +23,7 @@ from bench.timing import cores
 
 
 def same_but_for_times_and_hosts(run: Run, race: Race) -> None:
-    here, there = (of_first_answers(rows).drop(columns=["host", "machine"]) for rows in (run.rows(ROWS), race.rows))
+    here, there = (of_first_answers(rows).drop(columns=["host", "machine"]) for rows in (run.rows(), race.rows))
     pd.testing.assert_frame_equal(here, there)
 
 
@@ -51,7 +51,7 @@ def test_two_local_workers_give_the_rows_of_one_and_have_a_core_each(
     run = raced_by_two(piezobench, tmp_path, "--workers", 2)
     same_but_for_times_and_hosts(run, clean_race)
     assert len(hosts_and_cores(run)) == 2
-    assert not (run.path / "tasks").exists()
+    assert not (run.path / "parts").exists()
 
 
 @pytest.mark.slow
@@ -61,11 +61,11 @@ def test_a_race_whose_workers_were_killed_is_resumed_by_one_and_each_row_knows_t
 ) -> None:
     run, (first, second) = Run(tmp_path / "run"), [checkout(tmp_path / name) for name in ("first", "second")]
     words = ("race", *SMALL, *THIRD, "--out", tmp_path, "--name", "run", "--workers", 2)
-    piezobench.start(*words, folder=first).kill_once(lambda: len(saved(run, "rows")) >= 3)
-    kept = saved(run, "rows")
+    piezobench.start(*words, folder=first).kill_once(lambda: len(saved(run)) >= 3)
+    kept = saved(run)
     piezobench.run("resume", run.path, folder=second)
     same_but_for_times_and_hosts(run, clean_race)
-    rows = run.rows(ROWS)
+    rows = run.rows()
     keys = rows.task + "-" + rows.timed + "-" + rows.repeat.astype(str)
     assert commits(run).tolist() == [commit_of(first if key in kept else second) for key in keys]
     assert {commit_of(first), commit_of(second)} <= {*(run.path / "report.md").read_text().split()}
@@ -79,14 +79,14 @@ def test_a_race_that_lost_a_worker_says_how_to_continue_and_keeps_its_run(
 ) -> None:
     run = Run(tmp_path / "run")
     words = ("race", *SMALL, *THIRD, "--out", tmp_path, "--name", "run", "--workers", 2)
-    ended = kill_worker(piezobench.start(*words), lambda: len(list((run.path / "tasks").glob("[!.]*.npz"))) >= tasks)
+    ended = kill_worker(piezobench.start(*words), lambda: len(saved(run)) >= tasks)
     assert (ended.status, ended.stderr.splitlines()[0]) == (
         2,
         f"piezobench race: {run.path}: a worker was killed, perhaps for want of memory; finished tasks are kept; run "
         f"'piezobench resume {run.path}' to continue",
     )
     assert piezobench(*words).refusal.endswith("already exists; give another name or resume it")
-    kept = len(list((run.path / "tasks").glob("[!.]*.npz")))
+    kept = len(saved(run))
     assert kept >= tasks
     assert piezobench("resume", run.path).status == 0
     same_but_for_times_and_hosts(run, clean_race)
@@ -134,12 +134,13 @@ def test_an_interrupted_race_on_a_cluster_ends_solvers_in_compiled_code_and_give
     file = faulty_solvers.written(tmp_path, "hangs", *faulty_solvers.FAULTS["hangs"])
     on_cluster = ("--backend", "dask", "--scheduler", scheduler)
     words = ("race", *SMALL, "--scaling", "scaled", "--out", tmp_path, *on_cluster, "--time-limit", 1000)
-    call, tasks = piezobench.start(*words, "--name", "first", "--solver", file), tmp_path / "first" / "tasks"
-    wait_until(lambda: len([*tasks.glob("osqp-*.npz")]) == 8, lambda: call.stderr.read_text())  # then hangs is next
+    call, run = piezobench.start(*words, "--name", "first", "--solver", file), Run(tmp_path / "first")
+    done = partial(saved, run)
+    wait_until(lambda: sum(key.startswith("osqp-") for key in done()) == 8, call.stderr.read_text)  # then hangs is next
     time.sleep(0.5)
     os.kill(call.pid, signal.SIGINT)
     assert call.wait().status == 130
-    assert not [*tasks.glob("hangs-*")]
+    assert not [key for key in done() if key.startswith("hangs-")]
     assert piezobench(*words, "--name", "second").status == 0
 
 
@@ -172,7 +173,7 @@ def test_a_dask_cluster_of_two_machines_gives_the_rows_of_a_local_race_repeatedl
         same_but_for_times_and_hosts(run, clean_race)
         hosts = [host for host, _ in hosts_and_cores(run)]
         assert sorted(hosts) in ([*MACHINES], 2 * [os.uname().nodename])
-        rows = run.rows(ROWS)
+        rows = run.rows()
         assert {*rows.host} == {*hosts}
         assert len({*zip(rows.host, commits(run), strict=True)}) == commits(run).nunique() == 2
 

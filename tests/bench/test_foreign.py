@@ -23,7 +23,6 @@ from program_files import dense, draw, same_problem, write_mat, write_qps
 from programs import library
 from qpsolvers import Problem
 
-from bench.derived.measurements import ROWS
 from bench.derived.tiers import right
 from bench.messages.task import Outcome, Status, Tier
 from bench.problem_files import read
@@ -268,7 +267,7 @@ def test_a_race_leaves_out_programs_without_a_proof_and_lists_the_reasons(raced:
 
 
 def test_solvers_answer_foreign_problems_or_report_them_as_unsupported(raced: tuple[Run, str]) -> None:
-    rows = raced[0].rows(ROWS)
+    rows = raced[0].rows()
     rows = rows[rows.is_default & (rows.start == "cold") & (rows.timed == "hot")]
     ours, others = rows[rows.solver == "box_active_set"], rows[rows.solver.isin(["daqp", "clarabel"])]
     assert set(ours.status) == {"unsupported"}
@@ -278,7 +277,7 @@ def test_solvers_answer_foreign_problems_or_report_them_as_unsupported(raced: tu
 
 
 def test_a_p_that_stays_is_not_passed_again_in_any_kind_of_call(raced: tuple[Run, str]) -> None:
-    rows = raced[0].rows(ROWS)
+    rows = raced[0].rows()
     rows = rows[rows.solver == "only_q"]
     assert set(rows.timed) >= {"hot", "interleaved", "scheduled"}
     assert set(rows.status) == {"ok"}, rows.message.unique()

@@ -11,7 +11,6 @@ from browser import WIDTHS, Browser
 from command_line import CommandLine
 from small_races import Race, assert_harmless
 
-from bench.derived.measurements import ROWS
 from bench.derived.summary import summary
 from bench.messages.task import Status
 from bench.races.runs import write
@@ -242,4 +241,4 @@ def test_the_best_lines_of_a_crowd_have_names_and_colours_that_differ_and_the_ot
 def test_no_text_of_a_one_shot_race_is_evaluated_in_its_report(
     piezobench: CommandLine, browser: Browser, wide_race: Race, tmp_path: Path, labels: bool
 ) -> None:
-    assert_harmless(piezobench, browser, wide_race.run, ROWS, tmp_path, labels)
+    assert_harmless(piezobench, browser, wide_race.run, tmp_path, labels)

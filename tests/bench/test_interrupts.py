@@ -21,8 +21,9 @@ from command_line import (
     without_waiting,
 )
 from exported_loops import a_model
-from small_races import TWO_CORES, Race
+from small_races import TWO_CORES, Race, saved
 
+from bench.store import Run
 from piezo_model import Recording, identify, plants
 from piezo_model.recordings.writer import write_table
 
@@ -99,7 +100,7 @@ def is_at_work(kind: str, folder: Path, session: int) -> bool:
     if kind == "realtime":
         return is_pacing(session)
     run = folder / "results" / "run"
-    return (run / "run.json").is_file() if kind == "problems" else any((run / "tasks").glob("[!.]*.npz"))
+    return (run / "run.json").is_file() if kind == "problems" else bool(saved(Run(run)))
 
 
 @pytest.mark.sample(3)

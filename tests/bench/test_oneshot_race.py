@@ -4,6 +4,7 @@ ladder."""
 import json
 from collections import Counter
 from dataclasses import dataclass, replace
+from itertools import takewhile
 from pathlib import Path
 
 import faulty_solvers
@@ -13,7 +14,6 @@ from command_line import CommandLine
 from qpsolvers import Problem
 from small_races import Race, race_of, saved
 
-from bench.derived.measurements import ROWS
 from bench.messages.task import PAPER, settings_ladder
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.races.race import EXPONENT, first_pass_settings, tasks_of
@@ -152,17 +152,21 @@ def test_a_race_killed_in_a_ladder_that_ended_resumes_after_that_end_and_has_the
     files = [word for name in ("crashes", "goes_on") for word in ("--solver", with_ladder(tmp_path, name))]
     run = Run(tmp_path / "run")
     piezobench.start("race", *WORDS, *files, "--out", tmp_path, "--name", "run").kill_once(
-        lambda: len(list((run.path / "tasks").glob("crashes-*.npz"))) >= 4
+        lambda: sum(key.startswith("crashes-") for key in saved(run)) >= 4
     )
-    for task, rows in saved(run, "rows").items():
-        if task.startswith("crashes-") and json.loads(str(rows))[0]["status"] == "not_run":
-            (run.path / "tasks" / f"{task}.npz").unlink()  # as if it had been killed just before
-    assert len(list((run.path / "tasks").glob("crashes-*.npz"))) == 4
+    (part,) = run.parts()
+    rows = list(part.rows.values())
+    part.path.unlink()  # and written again, as if it had been killed just before the first that was not run
+    part = run.part(part.path.stem)
+    with part.appended():
+        for row in takewhile(lambda row: row["status"] != "not_run", rows):
+            part.save(row, {})
+    assert sum(key.startswith("crashes-") for key in saved(run)) == 4
     (tmp_path / "crashes.py.log").write_text("")
     done = piezobench("resume", run.path, *files)
     assert done.status == 1, "one of its own solvers crashes"
     assert logged(tmp_path, "crashes").isdisjoint({6, 8, 10})
-    resumed = Race(run, run.rows(ROWS), done)
+    resumed = Race(run, run.rows(), done)
     both = ended.race.rows[ended.race.rows.solver.isin(["crashes", "goes_on", "daqp", "null"])]
     assert names(resumed) == names(replace(ended.race, rows=both))
     assert resumed.rows.status.tolist() == both.status.tolist()

@@ -8,7 +8,6 @@ from pathlib import Path
 import faulty_solvers
 import pytest
 
-from bench.derived.measurements import ROWS
 from bench.store import Run
 from solvers import registry
 
@@ -75,7 +74,7 @@ def test_a_solver_of_another_package_is_raced_like_ours_and_its_version_kept(tmp
     assert call.returncode == 0, call.stderr
     run = Run(tmp_path / "run")
     assert run.settings["field"] == {"tiny (direct)": "1.2.3"}
-    rows = run.rows(ROWS)
+    rows = run.rows()
     assert set(rows.status[rows.solver == "tiny"]) == {"ok"}
 
 

@@ -11,7 +11,6 @@ import pytest
 from command_line import CommandLine
 
 from bench.deploy.actuator_model import model_for
-from bench.derived.measurements import ROWS
 from bench.problems.recorded import kept_back
 from bench.store import Run, RunError
 from piezo_model import HysteresisCreepModel, Recording, identify, plants
@@ -237,5 +236,5 @@ def test_missing_outputs_pass_through_identify_its_page_validate_a_fleet_and_a_r
     assert piezobench("race", "--recording", one, *FEW, "--out", tmp_path, "--name", "run").status == 0
     run = Run.open(tmp_path / "run")
     assert 0.0 < run.settings["models"]["recorded"]["error_percent"] < 2.0
-    rows = run.rows(ROWS)
+    rows = run.rows()
     assert rows[rows.solver == "box_active_set"].model_error_percent.between(0.0, 2.0).all()

@@ -20,13 +20,12 @@ import killed_run
 import pandas as pd
 import pytest
 from command_line import CommandLine, wait_until_gone
-from killed_run import PLAIN
-from small_races import SMALL, TASKS, THIRD, Race
+from small_races import SMALL, TASKS, THIRD, Race, saved
 
 from bench import problems
-from bench.derived.measurements import ROWS
 from bench.derived.tiers import MISSES
 from bench.messages.task import silent
+from bench.race_table import ROWS, complete
 from bench.races.run_problems import problems_of
 from bench.races.runs import settings_of
 from bench.store import VERSION, Run, RunError
@@ -51,7 +50,7 @@ TIMES = [
     "judged",
     "draw_seed",
     *MISSES.values(),
-    *(name for name in ROWS.arrow.names if name.startswith("timed_")),
+    *(name for name in ROWS.names if name.startswith("timed_")),
 ]
 
 
@@ -81,7 +80,7 @@ def test_a_race_killed_at_random_moments_leaves_no_process_or_file_and_ends_like
             call = piezobench.start("resume", run.path)
         else:
             call = piezobench.start("race", *SMALL, *THIRD, "--out", tmp_path, "--name", "run")
-        while call.running() and not run.is_finished(ROWS) and len(list((run.path / "tasks").glob("[!.]*"))) < after:
+        while call.running() and not run.is_finished() and len(saved(run)) < after:
             time.sleep(0.002)
         time.sleep(chance.choice([0.0, chance.uniform(0.0, 0.05), chance.uniform(0.0, 1.0)]))
         call.kill()
@@ -89,7 +88,7 @@ def test_a_race_killed_at_random_moments_leaves_no_process_or_file_and_ends_like
         wait_until_gone(call.pid)
         assert temporary(piezobench) == before
     piezobench.run("resume", run.path)
-    assert_same(run.rows(ROWS), clean_race)
+    assert_same(run.rows(), clean_race)
     for name in ("report.md", "summary.csv"):
         assert (run.path / name).is_file()
 
@@ -115,17 +114,17 @@ def test_a_run_killed_at_any_step_on_disk_is_resumed_with_nothing_lost_or_twice(
         assert exit_code(folder) == 0, f"killed at step {n}"
         run = Run(folder / "run")
         assert run.settings == unbroken.settings, f"killed at step {n}"
-        pd.testing.assert_frame_equal(run.rows(PLAIN), unbroken.rows(PLAIN))
+        pd.testing.assert_frame_equal(run.rows(), unbroken.rows())
         assert visible(run) == visible(unbroken), f"killed at step {n}"
         if ended == 0:
             break
     assert n > 30
-    assert len(unbroken.rows(PLAIN)) == 2
+    assert len(unbroken.rows()) == 4
 
 
 def visible(run: Run) -> list[Path]:
     """Files and folders of a run that are not hidden."""
-    return sorted(path.relative_to(run.path) for path in run.path.rglob("[!.]*") if ".tasks" not in path.parts)
+    return sorted(path.relative_to(run.path) for path in run.path.rglob("[!.]*") if ".parts" not in path.parts)
 
 
 @pytest.fixture
@@ -155,18 +154,18 @@ def test_a_full_disk_is_one_sentence_and_the_race_is_resumed_when_there_is_space
     assert f"piezobench resume {run.path}" in call.refusal
     assert not [path for path in run.path.rglob("*") if path.is_file() and path.name.startswith(".")]
     with pytest.raises(RunError, match="was not finished"):
-        run.rows(ROWS)
+        run.rows()
     if full:
         subprocess.run(["mount", "-o", "remount,size=10m", str(small_disk)], check=True)
     assert piezobench("resume", run.path).status == 0
-    assert_same(run.rows(ROWS), clean_race)
+    assert_same(run.rows(), clean_race)
 
 
 def test_only_one_process_may_work_on_a_run(clean_race: Race, piezobench: CommandLine, tmp_path: Path) -> None:
     run = Run.create(tmp_path, clean_race.run.settings, "run")
     with run.exclusive():
         assert "another process is at work on this run" in piezobench("resume", run.path).refusal
-        assert not run.is_finished(ROWS)
+        assert not run.is_finished()
     with run.exclusive():
         pass
 
@@ -191,10 +190,12 @@ def test_a_run_that_is_finished_or_has_a_task_is_not_discarded(clean_race: Race,
     Run(tmp_path / "finished").discard()
     assert (tmp_path / "finished" / "rows.parquet").is_file()
     new = Run.create(tmp_path, SETTINGS, "new")
-    (new.path / "tasks" / "one.npz").touch()
+    part = new.part("one")
+    with part.appended():
+        part.save(complete(task="one"), {})
     new.discard()
     assert new.path.is_dir()
-    (new.path / "tasks" / "one.npz").unlink()
+    part.path.unlink()
     new.discard()
     assert not new.path.exists()
 
@@ -225,7 +226,7 @@ def unfinished(clean_race: Race, tmp_path: Path) -> Run:
     shutil.copytree(clean_race.run.path, tmp_path / "run")
     run = Run(tmp_path / "run")
     (run.path / "rows.parquet").unlink()
-    (run.path / "tasks").mkdir()
+    (run.path / "parts").mkdir()
     return run
 
 
