@@ -10,7 +10,6 @@ from typing import Any
 import pandas as pd
 import pyarrow as pa
 
-from bench.derived.tiers import MISSES
 from bench.messages.columns import (
     COUNT,
     FLAG,
@@ -25,8 +24,11 @@ from bench.messages.columns import (
     typical_of_all,
     worst,
 )
-from bench.messages.task import Row
+from bench.messages.task import Row, Tier
 from bench.report.words import gap, marked, number, settings_label, share
+
+MISSES = {tier: f"misses_{tier}" for tier in (Tier.LOW, Tier.MID, Tier.HIGH, Tier.EXACT)}
+"""Columns of the numbers of judged timed answers that miss a tolerance."""
 
 
 def status_counts(statuses: pd.Series) -> str:

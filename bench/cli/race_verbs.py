@@ -42,10 +42,16 @@ Scale = StrEnum("Scale", ["scaled", "raw"])
 
 NUMBERS: dict[str, Any] = {
     field.name: Annotated[
-        int | None, typer.Option(metavar="N", min=0, help=f"{field.metadata['help']}; {field.default} by default.")
+        type(field.default) | None,
+        typer.Option(
+            said["flag"] or f"--{field.name.replace('_', '-')}",
+            metavar=said["metavar"],
+            min=said["least"],
+            help=f"{said['help']}; {field.default:g} by default.",
+        ),
     ]
     for field in fields(RaceSettings)
-    if "help" in field.metadata
+    if "help" in (said := field.metadata)
 }
 """Options that the settings of a race declare."""
 
@@ -55,7 +61,7 @@ NUMBERS: dict[str, Any] = {
 @grouped("own", NUMBERS)
 def race_verb(
     options: dict[str, str],
-    own: dict[str, int | None],
+    own: dict[str, float | None],
     workers: engine.Workers,
     problem_sets: Annotated[
         list[str] | None,
@@ -117,20 +123,6 @@ def race_verb(
     budget: Annotated[
         float, typer.Option(metavar="SECONDS", min=0.0, help="Duration of the timed calls of a task.")
     ] = 0.005,
-    time_limit_s: Annotated[
-        float, typer.Option("--time-limit", metavar="SECONDS", min=0.1, help="Longest duration of a task.")
-    ] = 20.0,
-    memory_mb: Annotated[
-        int, typer.Option("--memory", metavar="MB", min=16, help="Most memory that a solver may allocate.")
-    ] = 2048,
-    repeats: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N",
-            min=1,
-            help="Number of times that each solver is measured, each in a fresh process; 1 by default.",
-        ),
-    ] = None,
     out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder that holds the runs.")] = RESULTS,
     name: Annotated[str | None, typer.Option(metavar="NAME", help="Name of the run; date and time by default.")] = None,
     as_json: AsJson = False,
@@ -152,9 +144,6 @@ def race_verb(
         "limit": FEW if limit is None and not sets else limit,
         "seed": seed,
         "effort": Effort(budget_s=budget),
-        "time_limit_s": time_limit_s,
-        "memory_mb": memory_mb,
-        "repeats": repeats,
         "set_options": options,
         "given": _given(settings or []),
         **own,

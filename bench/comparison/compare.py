@@ -41,9 +41,10 @@ import pandas as pd
 from scipy.stats import hypergeom, median_abs_deviation
 
 from bench.derived.measurements import FLOOR, HOT, INTERLEAVED, Measurements, at_tiers
-from bench.derived.tiers import LANE, MISSES, right, tier_settings
+from bench.derived.tiers import LANE, right, tier_settings
 from bench.messages.columns import TYPICAL, Column, combined, worst
 from bench.messages.task import Status, Tier
+from bench.race_table import MISSES
 from bench.report.words import joined, number, share
 from bench.store import Run, RunError
 from bench.timing.clock import Effort

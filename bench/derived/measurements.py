@@ -29,8 +29,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.derived.tiers import LANE, MISSES, applies, distance, measured, right, supported, tier_settings
+from bench.derived.tiers import LANE, applies, distance, measured, right, supported, tier_settings
 from bench.messages.task import Status, Tier, Timed
+from bench.race_table import MISSES
 from bench.store import Run
 from bench.timing.clock import answers_us
 from bench.timing.percentiles import rate_bound

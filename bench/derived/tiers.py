@@ -29,8 +29,6 @@ from bench.messages.task import Status, Tier
 
 TOLERANCE = {Tier.DEFAULT: 1e-3, Tier.LOW: 1e-3, Tier.MID: 1e-6, Tier.HIGH: 1e-9, Tier.EXACT: 1e-12}
 """Largest relative cost gap and violation."""
-MISSES = {tier: f"misses_{tier}" for tier in (Tier.LOW, Tier.MID, Tier.HIGH, Tier.EXACT)}
-"""Columns of the numbers of judged timed answers that miss a tolerance."""
 UNNOTICED = 0.1
 """Largest difference of two RMS errors on unseen data, over the sensor's noise, that does not count."""
 MEASURED = ["problem_set", "problem", "scaling", "solver", "lane"]

@@ -49,8 +49,6 @@ Tell = Callable[[Task], None]
 """Called with each task before it starts."""
 Save = Callable[..., None]
 """Called with each task, its outcome and the data of its calls."""
-LONGEST = 0.1
-"""Longest answer after which tighter settings are tried, in time limits."""
 LONGEST_INTERLEAVED_US = 1000.0
 """Longest hot answer of an interleaved solver on any problem: caches hardly affect longer ones."""
 PREFERRED = (Tier.HIGH, Tier.MID)
@@ -169,7 +167,7 @@ class Pass:
         """Why tighter settings than that of a row are skipped on this problem, or ""."""
         if row["status"] in (Status.CRASHED, Status.TIMED_OUT, Status.OUT_OF_MEMORY):
             return f"ended with {row['status']}"
-        longest_s = LONGEST * self.settings.time_limit_s
+        longest_s = self.settings.longest_s
         return f"took longer than {longest_s:g} s" if row["answer_us"] > 1e6 * longest_s else ""
 
 

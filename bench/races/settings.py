@@ -11,12 +11,11 @@ from piezo_model.identification_problem import Scaling
 from solvers import Lane
 
 MOST = 10**9
-Positive = Annotated[int, Meta(ge=1, le=MOST)]
 
 
-def option(default: int, text: str) -> Any:
-    """A number from 0 that is an option of the command line under its own name."""
-    return field(default=default, metadata={"help": text})
+def option(default: float, text: str, least: float = 0, flag: str = "", metavar: str = "N") -> Any:
+    """A number from ``least`` that is an option of the command line, under its own name or as ``flag``."""
+    return field(default=default, metadata={"help": text, "least": least, "flag": flag, "metavar": metavar})
 
 
 @dataclass(frozen=True)
@@ -34,11 +33,10 @@ class RaceSettings:
     """Names of the problems to race, as ``name`` or ``set/name``; empty for all."""
     seed: int = 0
     effort: Effort = field(default_factory=Effort)
-    time_limit_s: Annotated[float, Meta(ge=0.1, le=1e7)] = 20.0
-    memory_mb: Annotated[int, Meta(ge=16, le=2**30)] = 2048
+    time_limit_s: float = option(20.0, "Longest duration of a task", 0.1, "--time-limit", "SECONDS")
+    memory_mb: int = option(2048, "Most memory that a solver may allocate", 16, "--memory", "MB")
     solver_files: tuple[str, ...] = ()
-    repeats: Positive = 1
-    """Number of fresh processes of each solver lane."""
+    repeats: int = option(1, "Number of times that each solver is measured, each in a fresh process", 1)
     set_options: dict[str, str] = field(default_factory=dict)
     """Files and columns for the problem sets, by name."""
     rounds: int = option(10, "Rounds in which the solvers are interleaved, 0 for none")
@@ -53,8 +51,15 @@ class RaceSettings:
     def __post_init__(self) -> None:
         """ValueError if an option is outside its range."""
         for each in fields(self):
-            if "help" in each.metadata and not 0 <= getattr(self, each.name) <= MOST:
-                raise ValueError(f"{each.name} must be from 0 to {MOST}, not {getattr(self, each.name)}")
+            if "help" in each.metadata and not each.metadata["least"] <= getattr(self, each.name) <= MOST:
+                raise ValueError(
+                    f"{each.name} must be from {each.metadata['least']} to {MOST}, not {getattr(self, each.name)}"
+                )
+
+    @property
+    def longest_s(self) -> float:
+        """Longest answer, in seconds, after which tighter settings are tried: a tenth of the time limit."""
+        return self.time_limit_s / 10.0
 
     @property
     def code(self) -> set[str]:

@@ -29,8 +29,8 @@ from bench.comparison.compare import (
     compare_times,
     lost_tiers,
 )
-from bench.derived.tiers import MISSES
 from bench.messages.task import Status
+from bench.race_table import MISSES
 from bench.store import Run
 
 SLOWED = ("osqp", "direct")

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from qpsolvers import Problem
 
-from bench.derived.tiers import MISSES, TOLERANCE
+from bench.derived.tiers import TOLERANCE
 from bench.messages.task import Tier
 from bench.problems.fresh import FreshData, mixture
 from bench.problems.protocol import CertifiedForm, RaceProblem, Window
+from bench.race_table import MISSES
 from bench.races.metrics import judge_timed, relative_gap
 from solvers.certificate import certify
 

@@ -23,9 +23,8 @@ from command_line import CommandLine, wait_until_gone
 from small_races import SMALL, TASKS, THIRD, Race, saved
 
 from bench import problems
-from bench.derived.tiers import MISSES
 from bench.messages.task import silent
-from bench.race_table import ROWS, complete
+from bench.race_table import MISSES, ROWS, complete
 from bench.races.run_problems import problems_of
 from bench.races.runs import settings_of
 from bench.store import VERSION, Run, RunError
