@@ -27,7 +27,7 @@ LEVELS = (
     {"store"},
     {"derived"},  # computed from a table of measurements
     {"races"},
-    {"accuracy", "comparison", "deploy", "export", "fleet", "live"},
+    {"verification", "comparison", "deploy", "export", "fleet", "live"},
     {"cli"},
 )
 """From the bottom up, packages and then the parts of ``bench``; a part imports itself and lower levels only."""

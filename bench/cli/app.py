@@ -24,7 +24,7 @@ VERBS = {
     "report": ("race_verbs", "Write the report of a run again and show its verdict."),
     "solvers": ("race_verbs", "List all solvers in all lanes, or why one is absent."),
     "problems": ("problem_verbs", "List the problem sets, or the problems of one set."),
-    "certify": ("problem_verbs", "Prove the optimum of a program, or judge answers to it."),
+    "certify": ("problem_verbs", "Prove the optimum of a program, and judge an answer."),
     "excite": ("recording_verbs", "Write a drive to record, for identification."),
     "inspect": ("recording_verbs", "Show how a recording is read."),
     "identify": ("model_verbs", "Identify a model of hysteresis and creep from a recording."),

@@ -1,11 +1,10 @@
 """Verbs for problems: ``problems`` lists the sets and their problems, checks their proofs, and writes them to files;
-``certify`` proves the optimum of a program in a file, as a document for others, or judges the answers of solvers to a
-problem set."""
+``certify`` proves the optimum of a program in a file, as a document for others."""
 
 import json
 import sys
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from fractions import Fraction
 from itertools import islice
 from pathlib import Path
@@ -15,35 +14,29 @@ import numpy as np
 import typer
 from qpsolvers import Problem
 
-from bench.accuracy import LEVELS, checked, row, worst
 from bench.cli.options import (
     SET_OPTIONS,
     AsJson,
     Seed,
     check_writable,
     grouped,
-    installed,
     positive,
     refuse,
-    require,
     set_options,
 )
 from bench.problem_files import ProblemFileError, npz, qpbenchmark_set, read
 from bench.problems import ProblemSet, ProblemSetError, RaceProblem, all_sets, check_options, make
 from bench.problems.proofs import isolated, require_size, start
-from bench.processes.solver_child import entry_of_file
 from bench.report.console import print_result, progress_bar
 from bench.report.words import by_heading
 from piezo_model.atomic_file import write_text
-from solvers import certificate, certificate_document, find
+from solvers import certificate, certificate_document
 from solvers.arrays import Vector
 from solvers.exact.linear_algebra import WORK, OutOfWork
 
 HEADINGS = ("problem", "optimum", "point", "variables", "rows", "condition", "gaps are relative to", "proofs")
 NO_PROOF = 3
 """Exit status if the work allowed does not suffice for a proof."""
-WORST = 3
-"""Number of programs that are named for a solver whose answers are not right."""
 SHOWN = 12
 """Most variables whose values are printed."""
 OPTIONS = {name: option for name, option in SET_OPTIONS.items() if name not in ("from_s", "to_s")}
@@ -163,22 +156,9 @@ def _point(proof: certificate.Certificate) -> str:
 
 
 def certify_verb(
-    context: typer.Context,
-    problem: Annotated[Path | None, typer.Argument(help="Program in NPZ, MAT, QPS, MPS or SIF.")] = None,
+    problem: Annotated[Path, typer.Argument(help="Program in NPZ, MAT, QPS, MPS or SIF.")],
     answer: Annotated[Path | None, typer.Option(metavar="FILE.npy", help="NPY file with an answer to judge.")] = None,
     out: Annotated[Path | None, typer.Option(metavar="FILE.json", help="JSON file for the certificate.")] = None,
-    problem_set: Annotated[
-        str | None,
-        typer.Option("--set", metavar="SET", help="Judge the answers of solvers to this problem set, such as boxes."),
-    ] = None,
-    solver: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME", help="With --set: a solver's name, or your own Python file; repeatable."),
-    ] = None,
-    tolerance: Annotated[
-        float,
-        typer.Option(metavar="ERROR", callback=positive, help="With --set: largest relative error of a right answer."),
-    ] = LEVELS[0],
     work: Annotated[
         float,
         typer.Option(
@@ -187,17 +167,11 @@ def certify_verb(
     ] = WORK,
     as_json: AsJson = False,
 ) -> None:
-    """Prove the optimum of a program in exact arithmetic, and judge an answer; or judge solvers on a problem set.
+    """Prove the optimum of a program in exact arithmetic, and judge an answer.
 
     The certificate can be checked without piezobench: examples/check_certificate.py. Exit status 3 means that there is
-    no proof within --work, and 1 that a solver has an answer of --set that is not right.
+    no proof within --work.
     """
-    if problem_set is not None:
-        refuse(context, ("problem", "answer", "out", "work"), "is for one program, without --set")
-        raise typer.Exit(_judge_solvers(problem_set, solver or [], tolerance, as_json))
-    refuse(context, ("solver", "tolerance"), "needs --set")
-    if problem is None:
-        raise typer.BadParameter("name a program's file, or a problem set with --set", param_hint="PROBLEM")
     check_writable(out, others=[problem, answer])
     program = read(problem)
     x = None if answer is None else npz.read_answer(answer, program.qp.q.size)
@@ -213,37 +187,6 @@ def certify_verb(
     if program.sense < 0.0:
         found["objective"] = {"sense": "max", "value": str(-Fraction(found["optimum"]["value"]))}
     print_result(found, [*_sentences(found), f"Certificate: {out}" if out else ""], as_json)
-
-
-def _judge_solvers(problem_set: str, names: Sequence[str], tolerance: float, as_json: bool) -> int:
-    """Print how near the answers of each solver come, and the worst of each; returns the exit status."""
-    require(bool(names), "--solver", "name a solver, or your own Python file")
-    entries = [entry_of_file(name) if name.endswith(".py") else find(installed(name)) for name in names]
-    problems = list(make(problem_set).problems())
-    rows, lines, results = [], [], []
-    for entry in entries:
-        right = False
-        with progress_bar() as progress:
-            found = checked(entry, problems, progress)
-        for setting, answers in found.items():
-            counted = row(answers)
-            rows.append(
-                (entry.name, setting, *(f"{n:.1e}" if isinstance(n, float) else str(n) for n in counted.values()))
-            )
-            results.append({"solver": entry.name, "setting": setting, **counted, "answers": list(map(vars, answers))})
-            missed = [each for each in answers if each.is_missed(tolerance)]
-            right |= not missed and any(each.is_supported for each in answers)
-        if not right:
-            ends = [f"{each.problem} ({each.verdict()})" for each in worst(missed, WORST)]
-            lines.append(
-                f"{entry.name}, {setting}: not right within {tolerance:g} on {len(missed)} of {len(answers)}, such as "
-                f"{'; '.join(ends)}."
-                if missed
-                else f"{entry.name}: takes none of these programs."
-            )
-    document = {"problems": len(problems), "solvers": results}
-    print_result(document, lines, as_json, (("solver", "setting", *row([])), rows, 2))
-    return int(bool(lines))
 
 
 def certified(qp: Problem, constant: float, answer: Vector | None, work: float) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from bench import accuracy, problems
+from bench import problems, verification
 from bench.cli import FAILED
 from bench.cli.options import AsJson, NoDynamics, Seed, check_writable, refuse, require
 from bench.comparison import report as comparison_report
@@ -33,7 +33,7 @@ def verify_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")],
     It shows that accuracies follow from the stored answers; not who gave them, nor that times and statuses are true.
     """
     with progress_bar() as progress:
-        found = accuracy.verify_run(open_run(run), progress)
+        found = verification.verify_run(open_run(run), progress)
     if found.wrong:
         more = f", and {len(found.wrong) - 1} more" if len(found.wrong) > 1 else ""
         raise RunError(f"{run} does not agree with its answers: {found.wrong[0]}{more}")

@@ -1,0 +1,94 @@
+"""Whether the accuracy in a run follows from the answers that are stored in it, judged again with nothing timed.
+
+The certificates are replayed from the data of the problems; the first answer of each row, and the worst judged timed
+one on the data of its draw, have to give the stored gaps, violations and errors of the model. This shows that these
+follow from stored answers. It does not show who gave the answers, nor that statuses, iterations or times are true.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bench.messages.task import Progress, Status, silent
+from bench.problems.fresh import mixture
+from bench.problems.protocol import RaceProblem
+from bench.races.metrics import measures, timed_measures
+from bench.report.words import settings_label
+from bench.store import Run
+from solvers.certificate import NotCertified
+
+ROUNDING = 1e-9
+"""Largest relative difference of a timed gap, and absolute one of an error of a model, that another order of additions
+made, as of BLAS in runs of before: V* + c cancels to 1e-4 of c where the fit is good. Other measures are exact."""
+OF_MODELS = ("weight_error", "model_error_percent", "stage_excess", "timed_stage_excess")
+FIRST = ("cost_gap", "violation", *OF_MODELS[:3])
+TIMED = ("timed_gap", "timed_violation", *OF_MODELS[3:])
+"""Columns that follow from a first answer, and from a timed one."""
+
+
+@dataclass(frozen=True)
+class Verified:
+    """How much of a run was judged again."""
+
+    rows: int
+    first: int
+    timed: int
+    """Numbers of rows, of their first answers, and of their timed answers."""
+    proofs: int
+    wrong: tuple[str, ...]
+    """A sentence for each row, or proof, that does not agree."""
+
+
+def verify_run(run: Run, progress: Progress = silent) -> Verified:
+    """Judge every stored answer of a run again; RunError for a missing problem."""
+    rows = run.rows()
+    by_problem, wrong, proofs = rows.groupby(["problem_set", "problem"], sort=False), list[str](), 0
+    for done, ((problem_set, name), part) in enumerate(by_problem):
+        progress(f"{problem_set}/{name}", done, len(by_problem))
+        problem = run.problem(str(problem_set), str(name))
+        proofs += len(problem.forms)
+        wrong += [f"{problem_set}/{name}, {scaling}: {why}" for scaling, why in problem.wrong_proofs().items()]
+        wrong += [
+            f"{row['solver']} ({row['lane']}), {settings_label(row['setting']) or 'defaults'}, on {problem_set}/"
+            f"{name}, {row['scaling']}, {row['timed']}: {why}"
+            for row in part.to_dict("records")
+            for why in _wrong(problem, row)
+        ]
+    first, timed = sum(rows.answer.map(len) > 0), sum(rows.timed_call >= 0)
+    return Verified(len(rows), int(first), int(timed), proofs, tuple(wrong))
+
+
+def _wrong(problem: RaceProblem, row: dict[Any, Any]) -> Iterator[str]:
+    """What does not follow from the answers of a row."""
+    if row["digest"] != problem.digest:
+        yield "its digest is that of other data than the stored problem's"
+        return
+    form, answer = problem.forms.get(row["scaling"]), np.array(row["answer"], dtype=np.float64)
+    if form is None:
+        yield "the stored problem has no such scaling"
+        return
+    is_judged = row["status"] == Status.OK and answer.shape == form.qp.q.shape and np.isfinite(answer).all()
+    yield from _differences(row, measures(problem, form, answer) if is_judged else dict.fromkeys(FIRST, math.nan))
+    if row["timed_call"] < 0:
+        yield from _differences(row, dict.fromkeys(TIMED, math.nan))
+        return
+    shares, factors, answer = (
+        np.array(row[key], dtype=np.float64) for key in ("timed_shares", "timed_factors", "timed_answer")
+    )
+    if shares.size != 1 + len(form.windows) or factors.size not in (1, answer.size) or answer.shape != form.qp.q.shape:
+        yield "the draw of its timed answer does not fit the problem"
+        return
+    try:
+        yield from _differences(row, timed_measures(problem, mixture(form, shares, factors), answer))
+    except (NotCertified, ValueError) as error:
+        yield f"the data of its timed answer have no certified optimum ({error})"
+
+
+def _differences(row: dict[Any, Any], found: Mapping[str, Any]) -> Iterator[str]:
+    for name, new in found.items():
+        old, rounding = row[name], ROUNDING * (abs(new) if name == "timed_gap" else name in OF_MODELS)
+        if not (math.isclose(old, new, rel_tol=0.0, abs_tol=rounding) or (math.isnan(old) and math.isnan(new))):
+            yield f"its {name.replace('_', ' ')} is {old:.3g} in the run, and {new:.3g} from its answer"
