@@ -1,8 +1,9 @@
 """Whether the accuracy in a run follows from the answers that are stored in it, judged again with nothing timed.
 
 The certificates are replayed from the data of the problems; the first answer of each row, and the worst judged timed
-one on the data of its draw, have to give the stored gaps, violations and errors of the model. This shows that these
-follow from stored answers. It does not show who gave the answers, nor that statuses, iterations or times are true.
+one on the data of its draw, have to give the stored gaps, violations and errors of the model, and a worst one that
+misses a tier is among the misses that are counted. This shows that these follow from stored answers. It does not show
+who gave the answers, nor that statuses, iterations or times are true.
 """
 
 import math
@@ -12,9 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from bench.derived.tiers import TOLERANCE
 from bench.messages.task import Progress, Status, silent
 from bench.problems.fresh import mixture
 from bench.problems.protocol import RaceProblem
+from bench.race_table import MISSES
 from bench.races.metrics import measures, timed_measures
 from bench.report.words import settings_label
 from bench.store import Run
@@ -75,6 +78,9 @@ def _wrong(problem: RaceProblem, row: dict[Any, Any]) -> Iterator[str]:
     if row["timed_call"] < 0:
         yield from _differences(row, dict.fromkeys(TIMED, math.nan))
         return
+    for tier, name in MISSES.items():
+        if not (row["timed_gap"] > TOLERANCE[tier]) <= row[name] <= row["judged"]:
+            yield f"{name} is {row[name]} of {row['judged']} judged answers, and its timed gap {row['timed_gap']:.3g}"
     shares, factors, answer = (
         np.array(row[key], dtype=np.float64) for key in ("timed_shares", "timed_factors", "timed_answer")
     )

@@ -50,6 +50,8 @@ def with_answers_exchanged(rows: pd.DataFrame) -> pd.DataFrame:
         (edited("timed_answer", lambda row: row.timed_answer * (1.0 + 1e-9)), "its timed"),
         (edited("timed_shares", lambda row: np.roll(row.timed_shares, 1)), "its timed gap is"),
         (edited("timed_shares", lambda row: row.timed_shares[:-1]), "the draw of its timed answer does not fit"),
+        (edited("misses_exact", lambda row: 0), "misses_exact is 0 of"),
+        (edited("misses_low", lambda row: row.judged + 1), "judged answers, and its timed gap"),
         (edited("digest", lambda row: "0" * 16), "its digest is that of other data"),
         (edited("answer", lambda row: ()), "and nan from its answer"),
         (with_answers_exchanged, "its cost gap is"),
