@@ -10,10 +10,11 @@ import json
 import math
 import zipfile
 import zlib
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Self, TypedDict
+from typing import Annotated, Any, NotRequired, Self, TypedDict
 
 import numpy as np
 from msgspec import Meta
@@ -24,7 +25,7 @@ from piezo_model.atomic_file import replacing
 from piezo_model.compensator import blend_factor, drive_memory, drive_settings
 from piezo_model.core import State, Stateful, bindings
 from piezo_model.dynamics import Dynamics
-from piezo_model.json_file import LARGEST, Number, Versioned, decoded, packed
+from piezo_model.json_file import LARGEST, Number, Versioned, convert, decoded, packed
 from piezo_model.learning.layout import MEMORY, learner_numbers, write_settings
 from piezo_model.learning.settings import LearningSettings
 from piezo_model.model import HysteresisCreepModel, ModelError
@@ -47,6 +48,14 @@ LANE_BY_LANE = (
 )
 """Parts of these with a number for each of the tile's actuators."""
 MOST_TILES = 2**24
+
+
+class BankState(TypedDict):
+    """State of a bank, without the settings."""
+
+    core: np.ndarray
+    slots: np.ndarray
+    dynamics: NotRequired[np.ndarray]
 
 
 class Options(TypedDict):
@@ -397,9 +406,10 @@ class CompensatorBank(Stateful):
         """A copy of the whole state, without the settings."""
         return {"core": self._core.block.copy(), "slots": self._slots.copy(), "dynamics": self._dynamics.copy()}
 
-    def restore(self, state: dict[str, Any]) -> None:
+    def restore(self, state: Mapping[str, Any]) -> None:
         """Continue, to the last bit, from the :meth:`get_state` of a bank of the same settings and number of tiles."""
-        slots, lanes = state["slots"], self._tiles * LANES
+        saved, lanes = convert(state, BankState), self._tiles * LANES
+        slots = saved["slots"]
         if not (
             slots.dtype == np.int64
             and slots.ndim == 1
@@ -407,12 +417,12 @@ class CompensatorBank(Stateful):
             and np.unique(slots).size == slots.size
         ):
             raise ValueError(f"slots must be different whole numbers from 0 to {lanes - 1}")
-        dynamics = state.get("dynamics", np.empty((slots.size, 0)))  # which files of the version before lack
+        dynamics = saved.get("dynamics", np.empty((slots.size, 0)))  # which files of the version before lack
         if dynamics.shape != (slots.size, self._dynamics.shape[1]) or dynamics.dtype != np.float64:
             raise ValueError("dynamics must be numbers of each actuator")
         distinct, which = np.unique(dynamics, axis=0, return_inverse=True) if dynamics.shape[1] else ((), slots)
         prefilters = [self._prefilter(self._line(self._of(numbers))) for numbers in distinct]
-        self._core.restore(state["core"], bindings.bank_restore)
+        self._core.restore(saved["core"], bindings.bank_restore)
         self._place(slots.copy())
         self._dynamics = dynamics.copy()
         for i, prefilter in enumerate(prefilters):  # the constants of the core follow from the dynamics
@@ -438,7 +448,8 @@ class CompensatorBank(Stateful):
         """Continue, to the last bit, from a file of :meth:`save`; ModelError names what is wrong with it."""
         try:
             with Path(path).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-                about, state = decoded(str(file["about"]), BankFile), {name: file[name] for name in file.files}
+                about = decoded(str(file["about"]), BankFile)
+                state = {name: file[name] for name in file.files if name != "about"}
             bank = cls(about.structure, 1, threads=threads, dynamics=about.dynamics, **about.options)
             if state["core"].size != bindings.bank_bytes(*bank._shape, about.tiles, bank.block):
                 raise ValueError(

@@ -111,6 +111,8 @@ OF_LEARNER: dict[str, Callable[[Any], Any]] = {
 OF_BANK: dict[str, Callable[[Any], Any]] = {
     "a model of a stage too late": lambda b: b.set_model(1, UNSTABLE),
     "the same actuator twice": restored("slots", value=np.zeros(2, np.int64)),
+    "slots that are no array": restored("slots", value=[0, 1]),
+    "no core": lambda b: b.restore({"slots": b.get_state()["slots"]}),
     "of dynamics": restored("dynamics", value=np.ones((2, 3))),
     "of another structure": lambda b: b.restore(OTHER),
 }
