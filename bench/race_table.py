@@ -32,7 +32,7 @@ MISSES = {tier: f"misses_{tier}" for tier in (Tier.LOW, Tier.MID, Tier.HIGH, Tie
 
 
 def status_counts(statuses: pd.Series) -> str:
-    """The statuses with their numbers, or the only one."""
+    """The statuses, or other names, with their numbers, or the only one."""
     counts = statuses.value_counts()
     return str(counts.index[0]) if len(counts) == 1 else ", ".join(f"{count} {name}" for name, count in counts.items())
 

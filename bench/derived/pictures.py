@@ -11,23 +11,24 @@ The performance profile of Dolan and Moré over the problems p of a view, with t
 Source: E. D. Dolan and J. J. Moré, Mathematical Programming 91 (2002) 201 to 213.
 """
 
+from collections.abc import Collection
+
 import numpy as np
 import pandas as pd
 
-from bench.derived import ranking, summary, verdict
+from bench.derived import ranking, summary
 from bench.derived.measurements import Measurements, at_tiers
-from bench.derived.tiers import distance
+from bench.derived.tiers import LANE, distance
 from bench.messages.columns import TYPICAL, worst
 from bench.messages.task import Tier
-from bench.report.report import BEST, LEAST_GAP, together
-from bench.report.words import MARK, duration, marked
-from solvers.registry import OURS
+from bench.report.report import BEST, LEAST_GAP
+from bench.report.words import duration, marked
 
 MOST_EXACT = [str(tier) for tier in (Tier.HIGH, Tier.EXACT, Tier.MID, Tier.LOW, Tier.DEFAULT, Tier.STAGE)]
-OUR_BEST = "box_active_set"
+NAMED = 10
+"""Number of the best lines that are named."""
 MOST_GAP = 1e3
 """Largest gap on a plot; larger ones are drawn at this value."""
-OUR_LINES, OTHER_LINES = f"ours {MARK}", "by others"
 MOST_IN_PROFILE, MOST_BARS = 10, 24
 STAGES = ("set-up", "update", "solve")
 
@@ -41,30 +42,22 @@ def named(table: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def ranked(table: pd.DataFrame, score: pd.Series) -> pd.DataFrame:
-    """The lines of each view sorted by the smallest score of their rows; ``front`` marks the BEST of them."""
-    names = table.assign(score=score).groupby(["view", "name"]).score.min().sort_values(kind="stable")
-    place = names.groupby(level="view").cumcount()
-    at = place.reindex(pd.MultiIndex.from_frame(table[["view", "name"]])).to_numpy()
-    views = pd.factorize(table["view"])[0]
-    return (
-        table.assign(views=views, at=at, front=at < BEST)
-        .sort_values(["views", "at"], kind="stable", ignore_index=True)
-        .drop(columns=["views", "at"])
-    )
-
-
 def work_precision(measurements: Measurements) -> pd.DataFrame:
     """Worst gap or violation, timed answers included, against the time of an answer, one row per solver and setting
-    that answers all its problems, in the lane in which the solver is the fastest at its most exact setting.
+    that answers all its problems, in the lane that is the best of the solver in the short table.
 
-    ``is_default`` marks the library's own settings, ``front`` the lines that are named, and ``end`` the setting at
-    which the name stands. The paper's method is drawn at its own pace, one step per sampling period.
+    A lane of a user's own file is always there if it was timed. ``is_default`` marks the library's own settings, and
+    ``front`` the lines that are named: the NAMED best by the short table, a user's own, and the paper's method, drawn
+    at its own pace of one step per sampling period. At ``end`` stands the name: at the setting of the tier by which the
+    short table ranks the lane, or else at the most exact one.
     """
     rows = measurements.field[measurements.field.start == "cold"]
-    rows = ranking.with_pace(rows.assign(gap=distance(rows)))
+    rows = ranking.with_pace(rows.assign(gap=distance(rows), own=measurements.is_own(rows)))
+    tiers = measurements.settings[measurements.settings.tier.isin(ranking.ORDER)]
+    places = tiers.assign(place=tiers.tier.map([*ranking.ORDER].index)).groupby([*LANE, "setting"]).place.min()
     table = (
-        rows.groupby(["name", "scaling", "solver", "lane", "rung", "setting", "is_default"])
+        rows.assign(name=rows.name.mask(rows.own, rows.name + " (" + rows.lane + ")"))
+        .groupby(["name", "scaling", "solver", "lane", "rung", "setting", "is_default", "own"])
         .agg(
             problems=("problem", "size"),
             worst_gap=("gap", worst),
@@ -72,55 +65,58 @@ def work_precision(measurements: Measurements) -> pd.DataFrame:
             settings=("settings", "first"),
         )
         .reset_index()
+        .join(places, on=[*LANE, "setting"])
+        .fillna({"place": len(ranking.ORDER)})
     )
-    paced = table.name == ranking.PACE
-    table = table.assign(label=np.where(paced, ranking.PACE, np.where(table.solver.isin(OURS), OUR_LINES, OTHER_LINES)))
-    table = table[np.isfinite(table.worst_gap) & table.answer_us.notna() & (table.problems == table.problems.max())]
-    line = ["scaling", "label", "solver"]
-    end = table.sort_values(["worst_gap", "answer_us"]).drop_duplicates([*line, "lane"])
-    best = end.sort_values("answer_us").drop_duplicates(line)
-    table = table.merge(best[[*line, "lane"]], on=[*line, "lane"])
-    ends = pd.MultiIndex.from_frame(best[[*line, "setting"]])
+    answered = np.isfinite(table.worst_gap) & (table.problems == table.problems.max())
+    table = table[(answered | table.own) & table.answer_us.notna()]
+    ends = table.assign(least=table.worst_gap.where(table.place == len(ranking.ORDER), 0.0))
+    ends = ends.sort_values(["place", "least", "answer_us"]).drop_duplicates(["scaling", "name", "lane"])
+    best = ends.sort_values(["place", "answer_us"]).drop_duplicates(["scaling", "name"])
+    best = best.assign(front=(best.groupby("scaling").cumcount() < NAMED) | best.own | (best.name == ranking.PACE))
+    table = table.merge(best[["scaling", "name", "lane", "setting", "front"]], on=["scaling", "name", "lane"])
     table = table.assign(
         view=table.scaling + " data",
-        front=(table.label == ranking.PACE) | table.solver.isin((*verdict.KNOWN, OUR_BEST)),
-        end=pd.MultiIndex.from_frame(table[[*line, "setting"]]).isin(ends),
+        end=table.setting_x == table.setting_y,
         drawn=np.clip(table.worst_gap, LEAST_GAP, MOST_GAP),
     )
-    columns = ["view", "scaling", "label", "name", "solver", "lane", "rung", "is_default", "settings", "problems"]
-    return table.sort_values(["scaling", "name", "rung"], ascending=[False, True, True], ignore_index=True)[
-        [*columns, "worst_gap", "answer_us", "drawn", "front", "end"]
-    ]
+    return table.drop(columns=["setting_x", "setting_y", "place", "own"]).sort_values(
+        ["scaling", "name", "rung"], ascending=[False, True, True], ignore_index=True
+    )
 
 
 def _timed(measurements: Measurements) -> pd.DataFrame:
-    """Rows at the setting for 1e-9 or the nearest to it, with ``time_us``, infinite if the answer is not right.
+    """Rows at the setting for 1e-9 or the nearest to it, with ``time_us``, infinite if the answer is not right, and
+    whether they are of a user's ``own`` file.
 
     Methods whose settings count steps are left out.
     """
     rows = measurements.field[measurements.field.start == "cold"]
     table = named(at_tiers(rows, measurements.settings, "furthest"))
     table = table[(table.tier == Tier.HIGH) & ~table.stepping].drop(columns="stepping")
-    return table.assign(time_us=table.answer_us.where(table.right, np.inf).fillna(np.inf))
+    us = table.answer_us.where(table.right, np.inf).fillna(np.inf)
+    return table.assign(time_us=us, own=measurements.is_own(table))
 
 
 def performance_profile(measurements: Measurements) -> pd.DataFrame:
-    """ρ_s(τ), one row per step of the function, for the solvers with the smallest mean of log τ over the problems."""
-    steps_of = [pd.DataFrame(columns=["view", "name", "solver", "lane", "factor", "share"])]
+    """ρ_s(τ), one row per step of the function, for the solvers with the smallest mean of log τ over the problems, and
+    a user's own."""
+    steps = []
     for view, part in _timed(measurements).groupby("view", sort=False):
         times = part.pivot_table(index="problem", columns="name", values="time_us", aggfunc="min", dropna=False)
         ratios = times.div(times.min(axis=1), axis=0).where(np.isfinite(times)).dropna(how="all")
         if ratios.empty:
             continue
         logs = np.log(ratios.fillna(10.0 * float(np.nanmax(ratios))))
-        ratios = ratios[logs.mean().nsmallest(MOST_IN_PROFILE).index].dropna(axis="columns", how="all")
+        best = ratios[logs.mean().nsmallest(MOST_IN_PROFILE).index].dropna(axis="columns", how="all")
+        ratios = ratios[best.columns.append(pd.Index(part.loc[part.own, "name"])).unique()]
         lanes = part.drop_duplicates("name").set_index("name")[["solver", "lane"]]
         for name, column in ratios.items():
             factors = np.unique([1.0, *column.dropna(), np.nanmax(ratios)])
             shares = [(column <= factor).sum() / len(times) for factor in factors]
-            of_name = {"view": view, "name": name, **lanes.loc[name], "factor": factors, "share": shares}
-            steps_of.append(pd.DataFrame(of_name))
-    return together(steps_of)
+            of_name = {"view": view, "name": name, **lanes.loc[name]}
+            steps.append(pd.DataFrame({**of_name, "factor": factors, "share": shares}))
+    return pd.concat(steps, ignore_index=True) if steps else pd.DataFrame()
 
 
 def sizes(measurements: Measurements) -> pd.DataFrame:
@@ -129,30 +125,31 @@ def sizes(measurements: Measurements) -> pd.DataFrame:
     table = _timed(measurements)
     table = table[table.groupby("view").d.transform("nunique") > 1]
     lines = (
-        table.groupby(["view", "name", "solver", "lane", "d"], sort=False)
+        table.groupby(["view", "name", "solver", "lane", "own", "d"], sort=False)
         .agg(problems=("time_us", "size"), time_us=("time_us", TYPICAL), worst=("time_us", "max"))
         .reset_index()
     )
     lines = lines[np.isfinite(lines.worst)].drop(columns="worst")
-    of_name = lines.groupby(["view", "name"]).time_us
+    of_name = np.log(lines.time_us).groupby([lines["view"], lines.name])
     missing = lines.groupby("view").d.transform("nunique") - of_name.transform("size")
-    return ranked(lines, 1e3 * missing + np.log(lines.time_us).groupby([lines["view"], lines.name]).transform("mean"))
+    place = (1e3 * missing + of_name.transform("mean")).groupby(lines["view"]).rank(method="dense")
+    return lines.assign(place=place, front=lines.pop("own") | (place <= BEST)).sort_values(
+        ["view", "place"], kind="stable", ignore_index=True
+    )
 
 
-def stages(table: pd.DataFrame) -> pd.DataFrame:
+def stages(table: pd.DataFrame, own: Collection[str]) -> pd.DataFrame:
     """Time of set-up, update and solve, one row per solver lane and stage, the fastest first: medians in µs and shares.
 
-    They are the fastest of each lane and view in a summary, at the most accurate tier that they reach.
+    They are a user's own and the fastest of each lane and view in a summary, at the most accurate tier that they reach.
     """
     table = named(summary.raced(table))
     table = table[table.solve_us_p50.notna() & ~table.stepping]
     rank = table.tier.map(MOST_EXACT.index)
-    best = (
-        table[rank == rank.groupby([table.view, table.name]).transform("min")]
-        .sort_values("answer_us", kind="stable")
-        .groupby(["view", "lane"], sort=False)
-        .head(MOST_BARS)
+    table = table[rank == rank.groupby([table.view, table.name]).transform("min")].sort_values(
+        "answer_us", kind="stable"
     )
+    best = table[(table.groupby(["view", "lane"]).cumcount() < MOST_BARS) | table.name.isin([*own])]
     rows = [
         {
             **{name: line[name] for name in ("view", "name", "solver", "lane", "tier")},

@@ -20,6 +20,7 @@ of conversion and repeated set-up.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import pandas as pd
@@ -28,6 +29,7 @@ from bench.derived.measurements import HOT, INTERLEAVED, Measurements
 from bench.derived.tiers import PROBLEM, TARGETS, distance, right, supported
 from bench.messages.columns import TYPICAL, Column, combined
 from bench.messages.task import PAPER, Status, Tier
+from bench.race_table import status_counts
 from bench.report.report import Table
 from bench.report.words import MARK, OURS_NOTE, gap, marked, number, rounded, settings_label
 from piezo_model.json_file import decoded
@@ -109,15 +111,14 @@ def of_paper(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def short_table(lines: Sequence[Line], note: str, terminal: bool = False) -> Table:
-    """The ranking as text; for a terminal without the wrapper lanes and with cells of at most eleven characters."""
+    """The ranking as text, in cells of at most eleven characters; for a terminal without the wrapper lanes."""
+    lines = [line for line in lines if not terminal or line.lane not in FAMILIES] or lines
     targets = [tier for tier in TARGETS if any(tier in line.results for line in lines)]
-    if terminal:
-        lines = [line for line in lines if line.lane not in FAMILIES] or lines
     rows = [
         [
             f"{line.name} ({line.partial} problem{'s' if line.partial > 1 else ''})" if line.partial else line.name,
             line.lane,
-            *_cells([line.results.get(tier) for tier in targets], terminal),
+            *_cells([line.results.get(tier) for tier in targets]),
             gap(line.default_gap),
         ]
         for line in lines
@@ -126,7 +127,7 @@ def short_table(lines: Sequence[Line], note: str, terminal: bool = False) -> Tab
         "solver",
         "lane",
         *(f"to {TIER_NAMES[tier]}" if tier is not Tier.STAGE else "stage" for tier in targets),
-        "default" if terminal else "default gap",
+        "default gap",
     ]
     return Table(
         "Time to accuracy",
@@ -135,34 +136,31 @@ def short_table(lines: Sequence[Line], note: str, terminal: bool = False) -> Tab
         2,
         ("lane",),
         f"{note} Times: µs of update and solve at the loosest setting that is right on every problem. ✗2/3: there is "
-        "none; the best is right on 2 of 3, and the problem of its largest error is named. Lanes that were raced on "
-        f"fewer problems come last, with their number. = is the same setting as to its left. {OURS_NOTE}",
+        "none; the best is right on 2 of 3. Lanes that were raced on fewer problems come last, with their number. = is "
+        f"the same setting as to its left. {OURS_NOTE}",
+        tips={
+            (i, 2 + targets.index(tier)): f"errs most on {result.worst}"
+            for i, line in enumerate(lines)
+            for tier, result in line.results.items()
+            if not result.reached
+        },
     )
 
 
-def _cells(results: Sequence[Any], terminal: bool) -> list[str]:
+def _cells(results: Sequence[Any]) -> list[str]:
     """The cells of a line; "=" stands for the same setting as in the cell before."""
-    cells: list[str] = []
-    before = ""
-    for result in results:
-        same = result is not None and result.reached and result.setting == before
-        cells.append("–" if result is None else "=" if same else (_narrow if terminal else _wide)(result))
-        before = result.setting if result is not None and result.reached else ""
-    return cells
-
-
-def _wide(cell: Any) -> str:
-    us = number(cell.us) if cell.us < 1e6 else f"{cell.us:.1e}".replace("e+0", "e")
-    return us if cell.reached else f"✗{cell.right}/{cell.problems} {cell.worst}"
-
-
-def _narrow(cell: Any) -> str:
-    if not cell.reached:
-        return f"✗{cell.right}/{cell.problems}"
-    us = cell.us
-    if us < 1e4:
-        return number(us) if us >= 1.0 else f"{us:.2f}"
-    return f"{us / 1e6:.2g} s" if us >= 1e6 else f"{us / 1e3:.0f} ms"
+    return [
+        "–"
+        if result is None
+        else f"✗{result.right}/{result.problems}"
+        if not result.reached
+        else "="
+        if before is not None and before.setting == result.setting
+        else number(result.us)
+        if result.us < 1e6
+        else f"{result.us:.1e}".replace("e+0", "e")
+        for before, result in pairwise([None, *results])
+    ]
 
 
 def yardstick(foreign: bool, own: bool) -> str:
@@ -178,12 +176,15 @@ BESIDE = (
     Column("timed", heading="timed"),
     Column("d", heading="unknowns"),
     Column("problems", None, "sum", "problems", of="shared"),
+    Column("sets", None, status_counts, "of"),
     Column("ours", heading="ours", format=marked),
     Column("ours_us", None, TYPICAL, "µs", number),
     Column("other", heading="other"),
     Column("version", heading="version"),
     Column("other_us", None, TYPICAL, "other, µs", number),
-    Column("ratio", heading="ratio", format=lambda ratio: f"{ratio:.2f}" if ratio >= 0.1 else rounded(ratio, 1.0)),
+    Column(
+        "ratio", heading="ours / other", format=lambda ratio: f"{ratio:.2f}" if ratio >= 0.1 else rounded(ratio, 1.0)
+    ),
 )
 
 
@@ -202,7 +203,12 @@ def like_with_like(measurements: Measurements) -> pd.DataFrame:
     others = rows[~rows.solver.isin(OURS)].rename(columns={"solver": "other"})
     pairs = ours.merge(best, on=["lane", "timed", "ours"]).merge(others, on=["lane", "timed", "d"], suffixes=("", "_2"))
     shared = (pairs.problem_set == pairs.problem_set_2) & (pairs.problem == pairs.problem_2)
-    pairs = pairs.assign(shared=shared, ours_us=pairs.us.where(shared), other_us=pairs.us_2.where(shared))
+    pairs = pairs.assign(
+        shared=shared,
+        sets=pairs.problem_set.where(shared),
+        ours_us=pairs.us.where(shared),
+        other_us=pairs.us_2.where(shared),
+    )
     found = combined(pairs, BESIDE, ["lane", "timed", "d", "ours", "other"])
     return found.assign(ratio=found.ours_us / found.other_us).sort_values(["timed", "lane", "d", "other_us"])
 
@@ -217,8 +223,9 @@ WRAPPERS = (
     Column("settings", None, "first", "settings", settings_label),
     Column("problems", None, "size", "problems", of="ratio"),
     Column("us", None, TYPICAL, "µs", number),
+    Column("library", None, "first", "direct"),
     Column("direct_us", None, TYPICAL, "direct, µs", number),
-    Column("ratio", None, TYPICAL, "ratio", number),
+    Column("ratio", None, TYPICAL, "solver / direct", number),
 )
 
 

@@ -1,25 +1,26 @@
 """The figures of a race."""
 
+import numpy as np
 import pandas as pd
 
 from bench.derived import pictures
 from bench.derived.measurements import Measurements
-from bench.report.report import INK, LEAST_GAP, ROW, Axis, Figure, Mark, Plot, best_lines
+from bench.report.report import INK, ROW, Axis, Figure, Mark, Plot, best_lines
+from bench.report.words import joined
 from solvers import Lane
 
-TARGETS = (1e3, 1e0, 1e-3, 1e-6, 1e-9, 1e-12, 1e-15)
-GAPS = (LEAST_GAP / 20.0, 1e4)
-"""Axis of the picture of work and precision, with room for the names."""
+WIDTH, HEIGHT, LETTER, LINE = 230.0, 460, 6.6, 13.0
+"""Pixels of the picture of work and precision on a phone, between its axes, and of a letter of a name in it."""
 STAGES = {"update": "#56b4e9", "solve": "#0072b2"}
 
 
 def figures(measurements: Measurements, summary: pd.DataFrame) -> list[Figure]:
     """All figures, work and precision first."""
-    work, sizes, stages = pictures.work_precision(measurements), pictures.sizes(measurements), pictures.stages(summary)
-    times = (0.4 * float(work.answer_us.min()), 1.6 * float(work.answer_us.max())) if len(work) else ()
+    sizes, stages = pictures.sizes(measurements), pictures.stages(summary, measurements.own)
+    work = pictures.work_precision(measurements)
+    times, gaps = around(pd.Series([*work.answer_us, measurements.shortest_period_us])), around(work.drawn)
+    missing = joined(sorted({*measurements.own} - {*work.name}))
     bars = stages.groupby(["lane", "view"]).name.nunique().groupby("lane").max()
-    names = Mark("text", "name", where={"end": [True], "front": [True]})
-    defaults = Mark("hollow", where={"is_default": [True], "front": [True]}, colour=INK, size=110.0)
     return [
         Figure(
             "work_precision",
@@ -27,19 +28,23 @@ def figures(measurements: Measurements, summary: pd.DataFrame) -> list[Figure]:
             "A line is a solver, called in its fastest way, over its settings from loose to tight: the worst "
             "relative cost gap or violation of first and timed answers over all problems, against the median time. "
             "Lower is more exact, left is faster; left of the dashed line, the shortest sampling period, an answer "
-            "is there before the next sample. Named are the paper's method at a step a sample, our exact solver and"
-            " the libraries that people know first. In a ring: what a library does by default. Gaps below 1e-17 and"
-            " above 1e3 are drawn at these.",
-            work,
+            f"is there before the next sample. Named are the {pictures.NAMED} best of the table, your own and the "
+            "paper's method at a step a sample, each at the setting by which the table ranks it; a touch names any "
+            "other. In a ring: what a library does by default. Gaps below 1e-17 and above 1e3, where an answer is "
+            f"missing too, are drawn at these.{f' Not drawn, since they have no time: {missing}.' if missing else ''}",
+            apart(work, times, gaps),
             [
                 Plot(
                     Axis("answer_us", "time for one answer: update and solve, µs", log=True, domain=times),
-                    Axis("drawn", "worst relative gap", log=True, format=".0e", values=TARGETS, domain=GAPS),
-                    (*best_lines(points=True, along="rung"), defaults, names),
+                    Axis("drawn", "worst relative gap", log=True, format=".0e", domain=gaps),
+                    (
+                        *best_lines(points=True, along="rung"),
+                        Mark("hollow", where={"is_default": [True], "front": [True]}, colour=INK, size=110.0),
+                        Mark("text", "name", where={"end": [True], "front": [True]}),
+                    ),
                     ("name", "lane", "settings", "worst_gap", "answer_us", "problems"),
                     rules={"x": measurements.shortest_period_us},
-                    height=460,
-                    legend=False,
+                    height=HEIGHT,
                 )
             ],
         ),
@@ -48,8 +53,8 @@ def figures(measurements: Measurements, summary: pd.DataFrame) -> list[Figure]:
             "Performance profile",
             "ρ(τ): the share of problems that a solver answers right to 1e-9 within τ times the time of the fastest "
             f"right answer (Dolan and Moré 2002), with one setting for all problems, of the {pictures.MOST_IN_PROFILE} "
-            "with the least τ in the geometric mean. Higher is better; the left end says how often it is the fastest, "
-            "the right end how often it is right.",
+            "with the least τ in the geometric mean, and of yours. Higher is better; the left end says how often it is "
+            "the fastest, the right end how often it is right.",
             pictures.performance_profile(measurements),
             [
                 Plot(
@@ -64,7 +69,7 @@ def figures(measurements: Measurements, summary: pd.DataFrame) -> list[Figure]:
             "Time by size",
             "Median time of update and solve by number of unknowns, where every answer of that size was right to 1e-9. "
             "The dashed line is the shortest sampling period. In colour: those that are right at all sizes and the "
-            "fastest in the geometric mean.",
+            "fastest in the geometric mean, and yours.",
             sizes,
             [
                 Plot(
@@ -79,9 +84,9 @@ def figures(measurements: Measurements, summary: pd.DataFrame) -> list[Figure]:
         Figure(
             "stages",
             "Where the time goes",
-            f"Medians over the problems of what each part takes, for the fastest {pictures.MOST_BARS} of each lane at "
-            "the most exact tier that it reaches. The time beside a name is update and solve, which every answer "
-            "costs; set-up, paid once, is in the table.",
+            f"Medians over the problems of what each part takes, for the fastest {pictures.MOST_BARS} of each lane and "
+            "yours, at the most exact tier that each reaches. The time beside a name is update and solve, which every "
+            "answer costs; set-up, paid once, is in the table.",
             stages,
             [
                 Plot(
@@ -98,3 +103,35 @@ def figures(measurements: Measurements, summary: pd.DataFrame) -> list[Figure]:
             ],
         ),
     ]
+
+
+def around(values: pd.Series) -> tuple[float, float]:
+    """A logarithmic axis about these values, over a decade at least.
+
+    Examples
+    --------
+    >>> around(pd.Series([1.0, 1e8]))
+    (0.1, 1000000000.0)
+    """
+    low, high = np.log10([values.min(), values.max()]) if len(values) else (0.0, 0.0)
+    room = max(high - low, 1.0) / 8.0
+    return float(10.0 ** (low - room)), float(10.0 ** (high + room))
+
+
+def apart(work: pd.DataFrame, times: tuple[float, float], gaps: tuple[float, float]) -> pd.DataFrame:
+    """The table with ``dx`` and ``dy``, how far beside and below its point a name stands in pixels, above it if that is
+    negative, so that on a phone names are within the picture and none covers another."""
+    x, y = (
+        pixels * np.log(values / low) / np.log(high / low)
+        for pixels, values, (low, high) in ((WIDTH, work.answer_us, times), (-HEIGHT, work.drawn, gaps))
+    )
+    half = LETTER / 2.0 * work.name.str.len()
+    work = work.assign(dx=x.clip(half, WIDTH - half) - x, dy=LINE)
+    shifts = [shift for k in range(len(work)) for shift in (LINE * (k + 1.0), -LINE * (k + 0.6))]
+    for _, names in work[work.front & work.end].assign(y=y).sort_values(["y", "answer_us"]).groupby("view"):
+        for k, i in enumerate(names.index):
+            others = names.index[:k]
+            others = others[((x + work.dx)[others] - x[i] - work.dx[i]).abs() < half[others] + half[i]]
+            taken = (y + work.dy)[others] - y[i]
+            work.loc[i, "dy"] = next(shift for shift in shifts if ((taken - shift).abs() >= LINE).all())
+    return work

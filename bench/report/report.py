@@ -45,8 +45,6 @@ class Axis:
     """Format of the labels by d3; by default as the values need."""
     values: Sequence[float] = ()
     """Positions of the labels."""
-    label: str = ""
-    """Label as an expression of Vega: a constant of this program."""
     domain: Sequence[float] = ()
 
 
@@ -55,7 +53,7 @@ class Mark:
     """A mark for each row of the plot, or for those that ``where`` selects."""
 
     kind: Literal["line", "step", "point", "hollow", "bar", "range", "text"]
-    """A text is the row's name below its point."""
+    """A text is the row's name, ``dx`` and ``dy`` pixels beside and below its point."""
     by: str = ""
     """Column whose values determine the colour."""
     where: Where = field(default_factory=dict)
@@ -91,7 +89,6 @@ class Plot:
     height: int = HEIGHT
     where: Where = field(default_factory=dict)
     """The rows of the table to draw."""
-    legend: bool = True
 
 
 def best_lines(kind: Literal["line", "step"] = "line", points: bool = False, along: str = "") -> tuple[Mark, ...]:
@@ -114,12 +111,6 @@ def first_view(table: pd.DataFrame) -> str:
     """The default view; "" for an empty table or one without views."""
     names = dict.fromkeys(map(str, table.get("view", ())))  # min takes the first of equals
     return min(names, key=lambda name: (not name.startswith("paper,"), "scaled" not in name), default="")
-
-
-def together(parts: list[pd.DataFrame]) -> pd.DataFrame:
-    """Concatenate tables; if all are empty, the first one gives the columns."""
-    filled = [part for part in parts if len(part)]
-    return pd.concat(filled, ignore_index=True) if filled else parts[0]
 
 
 def log_ticks(values: pd.Series) -> tuple[list[float], str]:
@@ -150,6 +141,8 @@ class Table:
     """Text above the table."""
     file: str = ""
     """File with the same rows, which Markdown names instead of a long table."""
+    tips: Mapping[tuple[int, int], str] = field(default_factory=dict)
+    """Text under the pointer, by row and column."""
 
     @classmethod
     def of(cls, title: str, lines: pd.DataFrame, columns: Iterable[Column], left: int = 1, **more: Any) -> Self:

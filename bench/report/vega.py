@@ -62,7 +62,7 @@ KINDS: dict[str, dict[str, Any]] = {
     "hollow": {"type": "point", "filled": False, "strokeWidth": 1},
     "bar": {"type": "bar"},
     "range": {"type": "rule", "strokeCap": "round"},
-    "text": {"type": "text", "dy": 13, "fontSize": 12},
+    "text": {"type": "text", "fontSize": 12, "dx": {"expr": "datum.dx"}, "dy": {"expr": "datum.dy"}},
 }
 
 
@@ -90,8 +90,8 @@ def specification(table: pd.DataFrame, plot: Plot) -> dict[str, Any]:
         *([{"name": "view", "value": first_view(shown), "bind": select}] if len(views) > 1 else []),
         *([{"name": "sought", "value": "", "bind": search}] if any(mark.sought for mark in plot.marks) else []),
     ]
-    # Vega merges the legends of colour, dash and shape only within one mark
-    first = next((mark for mark in plot.marks if mark.by and plot.legend), None)
+    # Vega merges the legends of colour, dash and shape only within one mark; names in the plot replace them
+    first = None if any(mark.kind == "text" for mark in plot.marks) else next((m for m in plot.marks if m.by), None)
     rules = [
         {"mark": {"type": "rule", "strokeDash": [5, 4]}, "data": {"values": [{}]}, "encoding": {axis: {"datum": value}}}
         for axis, value in plot.rules.items()
@@ -179,7 +179,6 @@ def _position(table: pd.DataFrame, axis: Axis, column: str = "", share: bool = F
         "labelOverlap": True,
         **({"values": [*axis.values]} if axis.values else {}),
         **({"format": axis.format} if axis.format else {}),
-        **({"labelExpr": axis.label} if axis.label else {}),
     }
     scale: dict[str, Any] = {
         "nice": False,

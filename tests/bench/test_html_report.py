@@ -90,6 +90,31 @@ def test_the_page_opens_without_an_error_and_without_the_network_and_draws_every
     browser.picture(f"report-{width}{'-dark' if dark else ''}")
 
 
+@pytest.mark.parametrize("width", WIDTHS)
+def test_names_of_the_first_picture_are_apart_and_any_point_has_one_and_the_table_beside_it_fits(
+    browser: Browser, page: Path, width: str
+) -> None:
+    browser.open(page, width)
+    boxes = browser.run("""document.querySelector('#work_precision svg').scrollIntoView({block: 'center'});
+        return [...document.querySelectorAll('#work_precision .mark-text.role-mark text')]
+        .filter(text => text.getAttribute('opacity') !== '0').map(text => text.getBoundingClientRect())
+        .map(b => [b.left, b.right, b.top + 4, b.bottom - 4])""")
+    assert len(boxes) >= 3
+    for i, (left, right, top, bottom) in enumerate(boxes):
+        assert all(right <= a or b <= left or bottom <= c or d <= top for a, b, c, d in boxes[:i])
+    fits = "const s = document.querySelector('.first .scroll'); return s.scrollWidth <= s.clientWidth"
+    assert width == "phone" or browser.run(fits)
+    x, y, label = (
+        browser.run("""const grey = document.querySelector('#work_precision .mark-symbol path[fill="#999999"]');
+        const b = grey.getBoundingClientRect();
+        return [(b.left + b.right) / 2 + 4, (b.top + b.bottom) / 2, grey.getAttribute('aria-label')]""")
+    )
+    name = re.search("name: ([^;]*);", label)[1]
+    browser.driver.execute_cdp_cmd("Input.dispatchMouseEvent", {"type": "mouseMoved", "x": x, "y": y})
+    tip = "return document.querySelector('#vg-tooltip-element')?.textContent || ''"
+    browser.wait_until(lambda: name in browser.run(tip))
+
+
 def test_a_heading_sorts_by_its_numbers_and_back_and_keeps_unknown_values_at_the_end(
     browser: Browser, page: Path, wide_race: Race
 ) -> None:

@@ -14,6 +14,7 @@ from bench.derived.ranking import PACE, Line, ranking, short_table
 from bench.derived.summary import failures, misses, summary
 from bench.derived.verdict import notes, verdict
 from bench.messages.task import Row, Tier
+from bench.races.figures import figures
 
 NAN = float("nan")
 
@@ -26,8 +27,11 @@ def cells(rows: list[Row], terminal: bool = False) -> dict[str, list[str]]:
 
 def test_a_tier_that_is_not_reached_has_no_time_but_the_number_of_problems_that_are_right() -> None:
     rows = ladder({"p1": [1e-12, 1e-12], "p2": [1e-12, 1e-12], "p3": [NAN, 1e-5]})
-    assert cells(rows)["daqp"] == ["1", "✗2/3 p3", "✗2/3 p3", "✗2/3 p3", "–"]
-    assert cells(rows, terminal=True)["daqp"] == ["1", "✗2/3", "✗2/3", "✗2/3", "–"]
+    for terminal in (False, True):
+        assert cells(rows, terminal)["daqp"] == ["1", "✗2/3", "✗2/3", "✗2/3", "–"]
+    assert short_table(ranking(measured(rows)), "").tips == dict.fromkeys(
+        ((0, j) for j in (3, 4, 5)), "errs most on p3"
+    )
 
 
 def test_a_tier_that_applies_to_no_problem_has_no_column_and_one_without_a_result_has_a_dash() -> None:
@@ -83,19 +87,12 @@ def test_the_papers_method_has_no_pace_if_it_supports_none_of_the_problems() -> 
 
 
 @pytest.mark.parametrize(
-    ("us", "wide", "narrow"),
-    [
-        (0.934, "0.934", "0.93"),
-        (6.57, "6.57", "6.57"),
-        (1900.0, "1900", "1900"),
-        (1.9e6, "1.9e6", "1.9 s"),
-        (25_000.0, "25000", "25 ms"),
-    ],
+    ("us", "text"), [(0.934, "0.934"), (6.57, "6.57"), (1900.0, "1900"), (1.9e6, "1.9e6"), (25_000.0, "25000")]
 )
-def test_a_time_is_in_microseconds_and_short_on_a_terminal(us: float, wide: str, narrow: str) -> None:
+def test_a_time_is_in_microseconds_and_short(us: float, text: str) -> None:
     line = Line("daqp", "daqp", "direct", {Tier.HIGH: SimpleNamespace(us=us, reached=True, setting="s0")}, NAN)
-    assert short_table([line], "").rows[0][2] == wide
-    assert short_table([line], "", terminal=True).rows[0][2] == narrow
+    for terminal in (False, True):
+        assert short_table([line], "", terminal).rows[0][2] == text
 
 
 def test_a_miss_is_listed_with_its_problem_and_figures_the_nearest_lanes_first_and_hopeless_ones_not() -> None:
@@ -293,19 +290,27 @@ def test_a_setting_that_fails_was_not_run_or_was_caught_on_any_problem_is_not_in
     assert pictures.work_precision(measured(rows)).rung.tolist() == [0, 2]
 
 
-def test_a_solver_is_drawn_in_its_fastest_lane_and_named_at_its_most_exact_setting_if_it_is_known() -> None:
-    gaps = {"p1": [1e-3, 1e-9], "p2": [1e-3, 1e-9]}
+def test_a_solver_is_drawn_in_its_best_lane_and_named_at_the_setting_of_the_table_and_a_user_s_own_always() -> None:
+    gaps = {"p1": [1e-3, 1e-11, 1e-14], "p2": [1e-3, 1e-11, 1e-14]}
     rows = [
         *ladder(gaps, solver="osqp", solve_us_p50=30.0),
         *ladder(gaps, solver="osqp", lane="qpsolvers", solve_us_p50=300.0),
-        *ladder(gaps, solver="unknown", solve_us_p50=5.0),
         *ladder({"p1": [1e-12]}, solver="partial", solve_us_p50=1.0),
+        *(one for i in range(pictures.NAMED) for one in ladder(gaps, solver=f"s{i}", solve_us_p50=1.0 + i)),
+        *ladder({"p1": [1e-5, 1e-4], "p2": [1e-5, NAN]}, solver="mine", solve_us_p50=500.0),
+        *ladder(gaps, solver="osqp", lane="kernel", solve_us_p50=700.0),
+        row(solver="lost", status="crashed", answer_us=NAN),
     ]
-    table = pictures.work_precision(measured(rows)).set_index("name")
-    assert set(table.index) == {"osqp", "unknown"}
-    assert set(table.lane) == {"direct"}
-    assert table.front.to_dict() == {"osqp": True, "unknown": False}
-    assert table.loc["osqp"].end.tolist() == [False, True]
+    found = replace(measured(rows), own=dict.fromkeys(("mine (direct)", "osqp (kernel)", "lost (direct)"), 1e-9))
+    table = pictures.work_precision(found).set_index(["solver", "lane"])
+    assert set(table.index.unique()) >= {("osqp", "direct"), ("osqp", "kernel"), ("mine", "direct")}
+    assert not {("osqp", "qpsolvers"), ("partial", "direct"), ("lost", "direct")} & set(table.index)
+    assert {*table[~table.front].index} == {("osqp", "direct")}
+    assert table.loc["osqp", "direct"].end.tolist() == [False, True, False]
+    assert table.loc["mine", "direct"].drawn.tolist() == [1e-5, pictures.MOST_GAP]
+    assert "Not drawn, since they have no time: lost (direct)." in figures(found, summary(found))[0].definition
+    few = pictures.work_precision(measured([each for each in rows if each["solver"] == "osqp"]))
+    assert few.front.all()
 
 
 def timed(solver: str, times: list[float], gaps: list[float]) -> list[Row]:
