@@ -27,6 +27,7 @@ MISSES = (
     Column("settings", heading="settings", format=settings_label),
     Column("status", heading="status"),
     *(Column(name, heading=name.replace("_", " "), format=gap) for name in ("cost_gap", "timed_gap", "violation")),
+    Column("setup_us", heading="setup, µs", format=number),
     Column("answer_us", heading="µs", format=number),
     Column("message", heading="message"),
 )
