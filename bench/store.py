@@ -39,7 +39,7 @@ from piezo_model import json_file
 from piezo_model.atomic_file import replacing, write_text
 from piezo_model.json_file import FileName
 
-VERSION = 6
+VERSION = 7
 """Version of the run folder; raise it when the settings, the columns or their meaning change."""
 SENTINEL = columns.schema(named("host", "core", "at_s", "ns", "level_ns", "ratio"))
 
@@ -92,7 +92,8 @@ class RunFile(TypedDict):
     """Number of problems of each set that was raced in part."""
     left_out: NotRequired[dict[str, dict[str, str]]]
     models: NotRequired[dict[str, ModelNote]]
-    field: NotRequired[dict[str, str]]
+    lanes: NotRequired[dict[str, str]]
+    """Version of each solver lane."""
     absent: NotRequired[dict[str, str]]
     own: NotRequired[dict[str, float]]
     """The largest error that each lane of a user's own file states."""

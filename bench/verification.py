@@ -73,7 +73,7 @@ def _wrong(problem: RaceProblem, row: dict[Any, Any]) -> Iterator[str]:
     if form is None:
         yield "the stored problem has no such scaling"
         return
-    is_judged = row["status"] == Status.OK and answer.shape == form.qp.q.shape and np.isfinite(answer).all()
+    is_judged = row["status"] == Status.ANSWERED and answer.shape == form.qp.q.shape and np.isfinite(answer).all()
     yield from _differences(row, measures(problem, form, answer) if is_judged else dict.fromkeys(FIRST, math.nan))
     if row["timed_call"] < 0:
         yield from _differences(row, dict.fromkeys(TIMED, math.nan))

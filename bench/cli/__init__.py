@@ -1,7 +1,7 @@
 """The ``piezobench`` command; each file holds a group of verbs.
 
 A user's mistake ends in one sentence on standard error and exit status 2, without a traceback. Exit status 1 means a
-fault of the program itself, or of a user's own solver in a race or a certificate.
+fault of the program itself, or of a user's own solver in a race.
 """
 
 import atexit
@@ -16,6 +16,8 @@ REFUSED = 2
 """Exit status after a user's mistake."""
 FAILED = 3
 """Exit status of a comparison that found what its options name."""
+UNDECIDED = 4
+"""Exit status of a comparison whose times tell nothing, and of a proof that takes more work than is allowed."""
 INTERRUPTED = 128 + signal.SIGINT
 """Exit status after Ctrl-C, as in shells: 128 plus the number of the signal."""
 

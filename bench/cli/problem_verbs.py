@@ -14,6 +14,7 @@ import numpy as np
 import typer
 from qpsolvers import Problem
 
+from bench.cli import UNDECIDED
 from bench.cli.options import (
     SET_OPTIONS,
     AsJson,
@@ -35,8 +36,6 @@ from solvers.arrays import Vector
 from solvers.exact.linear_algebra import WORK, OutOfWork
 
 HEADINGS = ("problem", "optimum", "point", "variables", "rows", "condition", "gaps are relative to", "proofs")
-NO_PROOF = 3
-"""Exit status if the work allowed does not suffice for a proof."""
 SHOWN = 12
 """Most variables whose values are printed."""
 OPTIONS = {name: option for name, option in SET_OPTIONS.items() if name not in ("from_s", "to_s")}
@@ -169,7 +168,7 @@ def certify_verb(
 ) -> None:
     """Prove the optimum of a program in exact arithmetic, and judge an answer.
 
-    The certificate can be checked without piezobench: examples/check_certificate.py. Exit status 3 means that there is
+    The certificate can be checked without piezobench: examples/check_certificate.py. Exit status 4 means that there is
     no proof within --work.
     """
     check_writable(out, others=[problem, answer])
@@ -179,7 +178,7 @@ def certify_verb(
         found = isolated(certified, program.qp, program.constant, x, work)
     except OutOfWork as error:
         print(f"piezobench certify: {problem}: {error}", file=sys.stderr)
-        raise typer.Exit(NO_PROOF) from None
+        raise typer.Exit(UNDECIDED) from None
     except certificate.NotCertified as error:
         raise ProblemFileError(f"{problem}: {error}") from None
     if out is not None:

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import typer
 
 from bench import problems, verification
-from bench.cli import FAILED
+from bench.cli import FAILED, UNDECIDED
 from bench.cli.options import AsJson, NoDynamics, Seed, check_writable, refuse, require
 from bench.comparison import report as comparison_report
 from bench.comparison import versions
@@ -21,8 +21,6 @@ from bench.timing import machine
 from piezo_model import HysteresisCreepModel
 from solvers import Lane
 
-CANNOT_TELL = 4
-"""Exit status of a comparison that could not have found a change that --fail-on names."""
 MOST_REFUSED = 5
 """Most solvers for which the reason is printed why they do not qualify."""
 
@@ -57,7 +55,7 @@ def compare_verb(
     fail_on: Annotated[
         Literal["nothing", "regression", "difference"],
         typer.Option(
-            help=f"Exit with status {FAILED} on such a change, and with {CANNOT_TELL} if none is found but the "
+            help=f"Exit with status {FAILED} on such a change, and with {UNDECIDED} if none is found but the "
             "runs are too noisy to tell."
         ),
     ] = "nothing",
@@ -99,7 +97,7 @@ def compare_verb(
     print_report(found, comparison_report.to_dict(compared), as_json, below, files)
     bad = sum(each.differences if fail_on == "difference" else each.regressions for each in compared.each)
     if fail_on != "nothing" and (bad or any(each.cannot_tell for each in compared.each)):
-        raise typer.Exit(FAILED if bad else CANNOT_TELL)
+        raise typer.Exit(FAILED if bad else UNDECIDED)
 
 
 def _compare_versions(
@@ -126,7 +124,7 @@ def _compare_versions(
     print_result({**vars(found), "less_accurate": found.less_accurate}, lines, as_json)
     if found.finding == SLOWER or found.less_accurate or (fail_on == "difference" and found.finding == FASTER):
         return FAILED if fail_on != "nothing" else 0
-    return CANNOT_TELL if fail_on != "nothing" and found.finding not in verdicts else 0
+    return UNDECIDED if fail_on != "nothing" and found.finding not in verdicts else 0
 
 
 def deploy_verb(

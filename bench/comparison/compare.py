@@ -40,7 +40,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import hypergeom, median_abs_deviation
 
-from bench.derived.measurements import FLOOR, HOT, INTERLEAVED, Measurements, at_tiers
+from bench.derived.measurements import HOT, INTERLEAVED, NULL_SOLVER, Measurements, at_tiers
 from bench.derived.tiers import LANE, right, tier_settings
 from bench.messages.columns import TYPICAL, Column, combined, worst
 from bench.messages.task import Status, Tier
@@ -65,7 +65,7 @@ between two runs of the default race on a quiet machine was 1.7 to 4.3 % in ten 
 2.6 %."""
 DRAWS, CHANCE = 1_000, 1e-3
 """Number of bootstrap samples, and the probability below which misses do not fall on one run by chance."""
-FAILURES = {*Status} - {Status.OK, Status.UNSUPPORTED, Status.NOT_RUN}
+FAILURES = {*Status} - {Status.ANSWERED, Status.UNSUPPORTED, Status.NOT_RUN}
 SLOWER, FASTER, SAME, CANNOT_TELL = "slower", "faster", "no difference", "cannot tell"
 BLOCK = ["timed", "digest", "scaling"]
 SOLVER_LANE = ["solver", "lane"]
@@ -159,7 +159,7 @@ def compare_runs(runs: Sequence[Run], smallest: float = SMALLEST) -> Comparisons
                 float(run.sentinel_samples().level_ns.median() / runs[0].sentinel_samples().level_ns.median()),
                 lost_tiers(before, after),
                 lost_tiers(after, before),
-                before[(before.status == Status.OK) & after.status.isin(FAILURES)][SOLVER_LANE].drop_duplicates(),
+                before[(before.status == Status.ANSWERED) & after.status.isin(FAILURES)][SOLVER_LANE].drop_duplicates(),
                 (tables[0].drop(rows.index, errors="ignore"), rows.drop(tables[0].index, errors="ignore")),
             )
         )
@@ -171,7 +171,7 @@ def joinable(found: Measurements) -> pd.DataFrame:
     """The rows of the field that were run, by JOIN, with the logarithm of the median time of update and solve for each
     way of timing, NaN for too few calls. Of a problem that is in two sets the first row counts. A default that is no
     rung of the ladder is taken for its first, so that it may reach a tier."""
-    rows, fewest = found.field, Effort().fewest
+    rows, fewest = found.lanes, Effort().fewest
     lanes = pd.MultiIndex.from_frame(rows[SOLVER_LANE])
     defaults = dict(zip(lanes[rows.is_default], rows.setting[rows.is_default], strict=True))
     asked = [beyond(setting, defaults.get(lane, "{}")) for setting, lane in zip(rows.setting, lanes, strict=True)]
@@ -214,7 +214,7 @@ def in_common(runs: Sequence[Run], tables: Sequence[pd.DataFrame]) -> list[pd.Da
 
 def levels(before: pd.DataFrame, after: pd.DataFrame) -> pd.DataFrame:
     """One row per answer and way of timing that both runs have: BLOCK, SOLVER_LANE, ``level_a`` and ``level_b``."""
-    ok = before[(before.status == Status.OK) & (after.status == Status.OK)]
+    ok = before[(before.status == Status.ANSWERED) & (after.status == Status.ANSWERED)]
     ways = [ok.assign(timed=timed, level_a=ok[timed], level_b=after[timed]) for timed in (HOT, INTERLEAVED)]
     return pd.concat([way for way in ways if (way.level_a - way.level_b).notna().any()] or ways[:1], ignore_index=True)
 
@@ -234,7 +234,7 @@ def side_by_side(found: Sequence[Measurements], rows: Sequence[pd.DataFrame]) ->
     settings = settings[(settings.tier == Tier.HIGH) & (settings.scaling == rows[0].scaling.max())]
     for run, (measured, part) in enumerate(zip(found, rows, strict=True), 1):
         here = at_tiers(part[part.start == "cold"], settings, "furthest").query(f"tier == {str(Tier.HIGH)!r}")
-        floor = measured.rows.query(f"solver == {FLOOR!r} and start == 'cold'").groupby(form).answer_us.first()
+        floor = measured.rows.query(f"solver == {NULL_SOLVER!r} and start == 'cold'").groupby(form).answer_us.first()
         yard = here[here.solver == YARDSTICK].set_index([*form, "lane"]).answer_us
         here = here.join(floor.rename("floor_us"), on=form).join(yard.rename("yard_us"), on=[*form, "lane"])
         shown = here.assign(

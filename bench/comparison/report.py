@@ -220,7 +220,7 @@ def _conditions(run: Run) -> dict[str, Mapping[str, str]]:
         "packages": {
             name: joined(sorted({each["versions"].get(name, "absent") for each in machines})) for name in packages
         },
-        "solvers": settings.get("field", {}),
+        "solvers": settings.get("lanes", {}),
     }
 
 

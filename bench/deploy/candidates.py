@@ -31,7 +31,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.derived.measurements import FLOOR, HOT, INTERLEAVED, Measurements, Microseconds
+from bench.derived.measurements import HOT, INTERLEAVED, NULL_SOLVER, Measurements, Microseconds
 from bench.derived.schedule import LATE, on_schedule
 from bench.derived.tiers import PROBLEM, TOLERANCE, chosen_settings, distance, measured, supported
 from bench.messages.columns import TYPICAL
@@ -206,12 +206,12 @@ def candidates(run: Run, rule: Rule) -> Iterator[Candidate]:
     at_8_khz = at_8_khz[(at_8_khz.scaling == "scaled") & (at_8_khz.schedule == LATE)]
     late = {*at_8_khz[["solver", "lane", "setting"]].itertuples(index=False, name=None)}
     here = found.rows[(found.rows.scaling == "scaled") & (found.rows.start == "cold")]
-    nothing = found.rows.task[found.rows.solver == FLOOR]
+    nothing = found.rows.task[found.rows.solver == NULL_SOLVER]
     floor = [found.pooled([task], way) for task in nothing for way in (HOT, INTERLEAVED)]
     idle = np.concatenate([np.zeros(0), *floor])
     _require_useful_deadline(run, rule, int(np.count_nonzero(idle > rule.deadline_us)), idle.size)
-    every = found.every[(found.every.scaling == "scaled") & found.every.lane.isin([*map(str, rule.lanes)])]
-    rows = supported(measured(every[every.solver != FLOOR]))
+    every = found.all_rows[(found.all_rows.scaling == "scaled") & found.all_rows.lane.isin([*map(str, rule.lanes)])]
+    rows = supported(measured(every[every.solver != NULL_SOLVER]))
     # a learner does not use an answer that its solver does not call found, unless the core solves in its place
     for line in chosen_settings(
         rows.assign(error=distance(rows).mask((rows.message != "") & ~rows.solver.isin(EXACT_SOLVERS), math.inf)),

@@ -75,7 +75,7 @@ class Decision:
         return {
             "run": self.run.path.name,
             "machines": self.run.machines,
-            "solver_version": settings.get("field", {}).get(f"{self.chosen.solver} ({self.chosen.lane})", ""),
+            "solver_version": settings.get("lanes", {}).get(f"{self.chosen.solver} ({self.chosen.lane})", ""),
             "rule": self.rule.sentence,
             "why": self.sentences(),
             "figures": self.chosen.metrics(),

@@ -8,8 +8,8 @@ samples, and the spread of the answer over the repeats,
 
     (max − min) / median.
 
-Its answer is that of the first row whose status is not ok, so that an occasional failure is not lost, and its gaps are
-the largest of all rows; a row that was not run counts only if none was run.
+Its answer is that of the first row whose status is not answered, so that an occasional failure is not lost, and its
+gaps are the largest of all rows; a row that was not run counts only if none was run.
 
 *Hot* calls follow each other directly, and a longer measurement of them replaces a shorter one. *Interleaved* calls
 alternate with those of other solvers, and find the caches that these left. *Scheduled* calls come at 8 kHz, as in a
@@ -37,7 +37,7 @@ from bench.timing.clock import answers_us
 from bench.timing.percentiles import rate_bound
 from bench.timing.schedule import PERIOD_US
 
-FLOOR = "null"
+NULL_SOLVER = "null"
 """Name of the solver that does nothing."""
 MEDIANS = ["setup_us", "update_us", "solve_us_p50", "solve_us_p99", "answer_us", "cpu_us", "periods", "reported_us"]
 WORST = ["cost_gap", "violation", "timed_gap", "timed_violation", "stage_excess", "timed_stage_excess"]
@@ -51,8 +51,8 @@ Microseconds = NDArray[np.float64]
 class Measurements:
     """A table of measurements and their raw times."""
 
-    every: pd.DataFrame
-    every_time: pd.DataFrame
+    all_rows: pd.DataFrame
+    raw_times: pd.DataFrame
     own: Mapping[str, float] = field(default_factory=dict)
     """The solver lanes of the user's own files, each with the error that it states."""
 
@@ -68,12 +68,12 @@ class Measurements:
     @cached_property
     def host(self) -> str:
         """The host with most rows."""
-        return str(self.every.host.value_counts().index[0])
+        return str(self.all_rows.host.value_counts().index[0])
 
     @cached_property
     def rows(self) -> pd.DataFrame:
         """The rows of that host, one for all repeats and ways of timing."""
-        return merged(self.every[self.every.host == self.host])
+        return merged(self.all_rows[self.all_rows.host == self.host])
 
     @property
     def shortest_period_us(self) -> float:
@@ -83,8 +83,8 @@ class Measurements:
     @cached_property
     def calls(self) -> dict[tuple[str, str], Microseconds]:
         """Times of an answer in all calls of that host, by task and by HOT or INTERLEAVED."""
-        rows = self.every[(self.every.host == self.host) & (self.every.samples > 0)]
-        raw = self.every_time.set_index([*MEASUREMENT, "what"]).ns.unstack().reset_index()
+        rows = self.all_rows[(self.all_rows.host == self.host) & (self.all_rows.samples > 0)]
+        raw = self.raw_times.set_index([*MEASUREMENT, "what"]).ns.unstack().reset_index()
         parts: dict[tuple[str, str], list[Microseconds]] = {}
         for line in rows[~_is_replaced(rows)].merge(raw, on=MEASUREMENT).to_dict("records"):
             way = line["timed"] if line["timed"] in (INTERLEAVED, SCHEDULED) else HOT
@@ -98,28 +98,28 @@ class Measurements:
         return np.concatenate([np.zeros(0), *(self.calls[key] for key in keys if key in self.calls)])
 
     @cached_property
-    def field(self) -> pd.DataFrame:
+    def lanes(self) -> pd.DataFrame:
         """The rows without those of the floor."""
-        return self.rows[self.rows.solver != FLOOR]
+        return self.rows[self.rows.solver != NULL_SOLVER]
 
     @cached_property
     def settings(self) -> pd.DataFrame:
         """The setting of each tier."""
-        return tier_settings(self.every[self.every.solver != FLOOR])
+        return tier_settings(self.all_rows[self.all_rows.solver != NULL_SOLVER])
 
     @cached_property
-    def tiers(self) -> pd.DataFrame:
+    def rows_at_tiers(self) -> pd.DataFrame:
         """The field's rows at each tier that a solver lane reaches, and at its defaults."""
-        return at_tiers(self.field, self.settings)
+        return at_tiers(self.lanes, self.settings)
 
-    def cold(self, rows: pd.DataFrame) -> pd.DataFrame:
+    def first_screen(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Those rows that are of the first screen: from a cold start, in its scaling."""
         return rows[(rows.start == "cold") & (rows.scaling == self.scaling)]
 
     @cached_property
     def scaling(self) -> str:
         """The scaling of the first screen: the one with most rows, "scaled" in case of a tie."""
-        counts = self.every.scaling.value_counts()
+        counts = self.all_rows.scaling.value_counts()
         return "scaled" if counts.empty or counts.get("scaled", 0) == counts.max() else str(counts.idxmax())
 
     @cached_property
@@ -154,14 +154,14 @@ def _judged(rows: pd.DataFrame, tier: Tier) -> pd.DataFrame:
         miss_rate=math.nan if tier is Tier.STAGE else rate_bound(missed, rows.judged),
         right=is_right,
         gap=distance(rows).replace(np.inf, np.nan),
-        status=rows.status.mask((rows.status == Status.OK) & ~is_right, str(Status.MISSED)),
+        status=rows.status.mask((rows.status == Status.ANSWERED) & ~is_right, str(Status.MISSED)),
     )
 
 
 def merged(rows: pd.DataFrame) -> pd.DataFrame:
     """One row per task, with the number of ``repeats`` that were run, ``answer_us_spread`` and ``interleaved_us``."""
     rows = measured(rows)
-    order = rows.assign(ok=rows.status == Status.OK, way=rows.timed.map([*get_args(Timed)].index))
+    order = rows.assign(ok=rows.status == Status.ANSWERED, way=rows.timed.map([*get_args(Timed)].index))
     answers = order.sort_values(["ok", "repeat", "way"]).groupby("task", sort=False).head(1)
     every, apart = rows.groupby("task", sort=False), rows.timed.isin([INTERLEAVED, SCHEDULED])
     times = rows[~_is_replaced(rows) & ~apart].groupby("task", sort=False)

@@ -51,7 +51,7 @@ def work_precision(measurements: Measurements) -> pd.DataFrame:
     at its own pace of one step per sampling period. At ``end`` stands the name: at the setting of the tier by which the
     short table ranks the lane, or else at the most exact one.
     """
-    rows = measurements.field[measurements.field.start == "cold"]
+    rows = measurements.lanes[measurements.lanes.start == "cold"]
     rows = ranking.with_pace(rows.assign(gap=distance(rows), own=measurements.is_own(rows)))
     tiers = measurements.settings[measurements.settings.tier.isin(ranking.ORDER)]
     places = tiers.assign(place=tiers.tier.map([*ranking.ORDER].index)).groupby([*LANE, "setting"]).place.min()
@@ -91,7 +91,7 @@ def _timed(measurements: Measurements) -> pd.DataFrame:
 
     Methods whose settings count steps are left out.
     """
-    rows = measurements.field[measurements.field.start == "cold"]
+    rows = measurements.lanes[measurements.lanes.start == "cold"]
     table = named(at_tiers(rows, measurements.settings, "furthest"))
     table = table[(table.tier == Tier.HIGH) & ~table.stepping].drop(columns="stepping")
     us = table.answer_us.where(table.right, np.inf).fillna(np.inf)

@@ -71,7 +71,7 @@ def ranking(measurements: Measurements) -> list[Line]:
     """The lines of the table, sorted."""
     field, rows, settings = (
         table[table.scaling == measurements.scaling]
-        for table in (measurements.field, measurements.tiers, measurements.settings)
+        for table in (measurements.lanes, measurements.rows_at_tiers, measurements.settings)
     )
     rows = rows[rows.start == "cold"]
     us = with_pace(rows).groupby(["name", "lane", "tier"]).answer_us.agg(TYPICAL)
@@ -194,7 +194,7 @@ def like_with_like(measurements: Measurements) -> pd.DataFrame:
 
     Times are those of the problems that both reach it on, whose number is ``problems``; NaN if there are none.
     """
-    rows = measurements.cold(measurements.tiers[measurements.tiers.tier == Tier.HIGH])
+    rows = measurements.first_screen(measurements.rows_at_tiers[measurements.rows_at_tiers.tier == Tier.HIGH])
     ways = {HOT: rows.answer_us, INTERLEAVED: rows.interleaved_us}
     rows = pd.concat([rows.assign(timed=timed, us=us) for timed, us in ways.items()]).dropna(subset="us")
     ours = rows[rows.solver.isin(OURS)].rename(columns={"solver": "ours"})
@@ -232,7 +232,7 @@ WRAPPERS = (
 def wrapper_share(measurements: Measurements) -> pd.DataFrame:
     """WRAPPERS, one row per wrapper and setting that the lane direct has, too; medians over the ``problems`` on which
     both are right."""
-    rows = measurements.cold(measurements.field)
+    rows = measurements.first_screen(measurements.lanes)
     rows = rows.assign(us=rows.answer_us, key=rows.settings.map(_key), library=rows.solver.replace(OTHER_NAMES))
     rows = rows[right(rows, Tier.LOW) & (rows.key != "")]
     direct = (

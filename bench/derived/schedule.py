@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
-from bench.derived.measurements import FLOOR, MEASUREMENT, SCHEDULED, Measurements
+from bench.derived.measurements import MEASUREMENT, NULL_SOLVER, SCHEDULED, Measurements
 from bench.messages.columns import Column, combined
 from bench.report.words import marked, number, settings_label, solver_lanes
 from bench.timing.percentiles import percentile, rate_ratio
@@ -41,18 +41,18 @@ COLUMNS = (
 def on_schedule(measurements: Measurements) -> pd.DataFrame:
     """COLUMNS and GROUP, one row per solver lane with its setting in one scaling, over all problems: the null solver
     first, then those that keep the schedule, by median response time."""
-    rows, times = measurements.every, measurements.every_time
+    rows, times = measurements.all_rows, measurements.raw_times
     rows = rows[(rows.timed == SCHEDULED) & (rows.host == measurements.host)]
     rows = rows.merge(times.loc[times.what == "response", [*MEASUREMENT, "ns"]], on=MEASUREMENT)
     table = combined(rows, COLUMNS, GROUP)
-    floors = table[table.solver == FLOOR].set_index("scaling")
+    floors = table[table.solver == NULL_SOLVER].set_index("scaling")
     figures = []
     for line, (_, part) in zip(table.to_dict("records"), rows.groupby(GROUP), strict=True):
         us, floor = np.concatenate([*part.ns]) / 1e3, floors.loc[line["scaling"]]
         low, high = rate_ratio(line["bouts"], line["due"], int(floor.bouts), int(floor.due))
         known = {name: percentile(us, q).value or math.nan for name, q in QUANTILES.items()}
         is_late, is_busy = low > 1.0 or np.median(us) > PERIOD_US, floor.late > TOLERATED * floor.due
-        is_floor = line["solver"] == FLOOR
+        is_floor = line["solver"] == NULL_SOLVER
         figures.append(
             {
                 **known,

@@ -18,7 +18,7 @@ from contextlib import suppress
 import numpy as np
 import pandas as pd
 
-from bench.derived.measurements import FLOOR, Measurements, at_tiers, merged
+from bench.derived.measurements import NULL_SOLVER, Measurements, at_tiers, merged
 from bench.derived.tiers import LANE, distance
 from bench.messages.columns import Column, combined
 from bench.messages.task import Status, Tier
@@ -50,10 +50,10 @@ def summary(measurements: Measurements) -> pd.DataFrame:
     ``settings`` are those of the first problem, since tolerances are multiples of a constant of the problem;
     ``left_out`` counts all sets together.
     """
-    nothing = measurements.rows[measurements.rows.solver == FLOOR].assign(
+    nothing = measurements.rows[measurements.rows.solver == NULL_SOLVER].assign(
         tier=str(Tier.DEFAULT), right=False, gap=math.nan
     )
-    rows = pd.concat([measurements.tiers, nothing], ignore_index=True)
+    rows = pd.concat([measurements.rows_at_tiers, nothing], ignore_index=True)
     tasks = rows.groupby(GROUP, dropna=False).task
     table = combined(rows, COLUMNS, GROUP).assign(
         answer_us_p99=[percentile(measurements.pooled(of_line), 0.99).value or math.nan for _, of_line in tasks]
@@ -63,7 +63,7 @@ def summary(measurements: Measurements) -> pd.DataFrame:
         ours=table.solver.isin(OURS),
     )
     table = table.merge(measurements.settings[[*LANE, "tier", "margin", "left_out"]], on=[*LANE, "tier"], how="left")
-    floor = table.solver == FLOOR
+    floor = table.solver == NULL_SOLVER
     table.loc[floor, ["solver", "status"]] = NOTHING
     order = ["problem_set", "scaling", "floor", "all_right", "answer_us"]
     return (
@@ -81,13 +81,13 @@ def raced(table: pd.DataFrame, start: str = "cold") -> pd.DataFrame:
 def failures(rows: pd.DataFrame) -> pd.DataFrame:
     """WRONG, one row per solver lane, scaling and status: the number of failures, and the first. Rows that were not run
     are no failures, and timed answers that are not finite are."""
-    lost = (rows.status == Status.OK) & np.isinf(rows.timed_gap)
+    lost = (rows.status == Status.ANSWERED) & np.isinf(rows.timed_gap)
     rows = rows.assign(
         such_as=rows.problem_set + "/" + rows.problem,
         status=rows.status.mask(lost, str(Status.MISSED)),
         message=rows.message.mask(lost, "a timed answer is not finite"),
     )
-    failed = (rows.message != "") & ~rows.status.isin([Status.OK, Status.NOT_RUN])
+    failed = (rows.message != "") & ~rows.status.isin([Status.ANSWERED, Status.NOT_RUN])
     return combined(rows[failed], WRONG, ["solver", "lane", "scaling", "status"])
 
 
@@ -98,7 +98,7 @@ def misses(measurements: Measurements, hopeless: bool = False) -> pd.DataFrame:
     Another lane that is right on no problem is left out unless they are wanted: its problems do not differ. Settings
     are {} where a solver crashed.
     """
-    judged = at_tiers(measurements.cold(merged(measurements.every)), measurements.settings, "furthest")
+    judged = at_tiers(measurements.first_screen(merged(measurements.all_rows)), measurements.settings, "furthest")
     judged = judged[judged.tier == Tier.HIGH].astype({"right": bool})
     missed = judged.assign(count=~judged.right, some=judged.right, others=~measurements.is_own(judged))
     counts = missed.groupby(["solver", "lane"])[["count", "some"]].transform("sum")
@@ -112,7 +112,7 @@ def kept(run: Run, measurements: Measurements, most: int) -> Iterator[tuple[str,
     their files; the answer of each is the first one, or the worst timed one that was judged if that is worse."""
     worst = misses(measurements, hopeless=True).sort_values("gap", ascending=False)
     for line in worst.drop_duplicates(["solver", "lane"]).sort_index().head(most).to_dict("records"):
-        rows = measurements.every[measurements.every.task == line["task"]]
+        rows = measurements.all_rows[measurements.all_rows.task == line["task"]]
         *_, row = rows.assign(distance=distance(rows)).sort_values("distance").to_dict("records")
         with suppress(RunError, NotCertified):  # a miss without its problem is still in the table
             form = first = run.problem(row["problem_set"], row["problem"]).forms[row["scaling"]]

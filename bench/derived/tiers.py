@@ -54,7 +54,12 @@ def distance(rows: pd.DataFrame) -> pd.Series[float]:
 
 
 def _worst(rows: pd.DataFrame, *parts: pd.Series) -> pd.Series[float]:
-    return pd.concat(parts, axis=1).max(axis=1, skipna=False).fillna(math.inf).mask(rows.status != Status.OK, math.inf)
+    return (
+        pd.concat(parts, axis=1)
+        .max(axis=1, skipna=False)
+        .fillna(math.inf)
+        .mask(rows.status != Status.ANSWERED, math.inf)
+    )
 
 
 def measured(rows: pd.DataFrame) -> pd.DataFrame:

@@ -72,7 +72,7 @@ def _winners(measurements: Measurements, lines: Sequence[Line], core: str, drift
     fastest = joined(_lane(lane, [line for line in reach if line.lane == lane], at, drift) for lane in lanes)
     more = f"; fastest {fastest}" if fastest else ""
     fewer = f"; {solver_lanes(len(partial))} raced on fewer problems and not counted" if partial else ""
-    hosts = measurements.every.host.nunique()
+    hosts = measurements.all_rows.host.nunique()
     there = f"times of {measurements.host}, one of {hosts} machines; " if hosts > 1 else ""
     machine = f" ({there}{core}; drift {100.0 * drift:.0f} %)" if core else ""
     reached = f"{solver_lanes(len(reach), len(judged), 'reach')} {TIER_NAMES[at]} on {problems}"
@@ -107,7 +107,7 @@ def _steps(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def _paper(measurements: Measurements, drift: float) -> Iterator[str]:
-    rows = measurements.field[measurements.field.scaling == measurements.scaling]
+    rows = measurements.lanes[measurements.lanes.scaling == measurements.scaling]
     part = _steps(rows)
     part = part[part.cost_gap.notna()]
     if part.empty:
@@ -151,7 +151,7 @@ def _ends(part: pd.DataFrame) -> str:
 
 def _stage(measurements: Measurements) -> Iterator[str]:
     """On how many problems the tier `stage` finds the paper's model worse or better than the optimal one."""
-    part = _steps(measurements.field[measurements.field.scaling == measurements.scaling])
+    part = _steps(measurements.lanes[measurements.lanes.scaling == measurements.scaling])
     part = part[part.stage_excess.notna()]
     if part.empty:
         return
@@ -184,7 +184,7 @@ def below_rounding(costs: pd.DataFrame) -> Iterator[str]:
 
 
 def _other_scalings(measurements: Measurements) -> Iterator[str]:
-    for scaling, part in _steps(measurements.field[measurements.field.scaling != measurements.scaling]).groupby(
+    for scaling, part in _steps(measurements.lanes[measurements.lanes.scaling != measurements.scaling]).groupby(
         "scaling"
     ):
         yield f"On {scaling} data the paper's method {_ends(part)} after its 15 200 steps."
@@ -208,7 +208,7 @@ def _warm(table: pd.DataFrame) -> Iterator[str]:
 
 def _interleaved(measurements: Measurements) -> Iterator[str]:
     """Cost of cold caches."""
-    rows = measurements.cold(measurements.field)
+    rows = measurements.first_screen(measurements.lanes)
     ratio = (rows.interleaved_us / rows.answer_us).groupby([rows.solver, rows.lane]).median().dropna()
     if len(ratio):
         yield (

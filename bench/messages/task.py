@@ -73,7 +73,7 @@ class Tier(StrEnum):
 class Status(StrEnum):
     """How a task ended. A faulty adapter is never reported as a failing solver."""
 
-    OK = "ok"
+    ANSWERED = "answered"
     """There is an answer to judge; of a tier, it has the required accuracy."""
     MISSED = "missed"
     """The answer misses the required accuracy, or the solver reports success and gives none."""

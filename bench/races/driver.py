@@ -11,7 +11,7 @@ from functools import partial
 from bench.messages.task import Task
 from bench.processes import engine, sentinel
 from bench.processes.solver_child import SolverPool
-from bench.races.field import field_of
+from bench.races.lanes import lanes_here
 from bench.races.race import Race
 from bench.timing import cores, machine
 from piezo_model.atomic_file import replacing
@@ -28,16 +28,16 @@ def drive(race: Race, workers: engine.Workers) -> None:
 
     entries = race.entries
     with ExitStack() as resources:
-        race.prepare(resources)
+        race.prepare()
         settings, core = race.child, None
         if workers.is_one:
             core = resources.enter_context(cores.claim()).number
         pool = resources.enter_context(SolverPool(entries, settings, core))
-        field = field_of(run, pool)
+        lanes = lanes_here(run, pool)
         if not workers.is_one:
             pool.close()
         map_unordered = resources.enter_context(engine.started(workers, engine.close_workers))
-        for parts in race.phases(field):
+        for parts in race.passes(lanes):
             total += sum(len(part.tasks) for part in parts)
             if workers.is_one:
                 for part in parts:

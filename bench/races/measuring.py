@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.derived.measurements import FLOOR
+from bench.derived.measurements import NULL_SOLVER
 from bench.messages.task import NO_SETTING, Outcome, Row, Task
 from bench.problem_files.program import fields_of
 from bench.problems.fresh import FreshData
@@ -66,9 +66,9 @@ def run_block(child: SolverChild, task: Task, P: Matrix | None, q: Matrix, most_
 
 
 def timed(
-    child: SolverChild, idle: SolverChild, task: Task, form: CertifiedForm, fresh: FreshData, effort: Effort
+    child: SolverChild, null: SolverChild, task: Task, form: CertifiedForm, fresh: FreshData, effort: Effort
 ) -> Outcome:
-    """Time a task; ``idle`` is the process of the null solver."""
+    """Time a task; ``null`` is the process of the null solver."""
     outcome = set_up(child, task, form)
     if outcome.failure:
         return outcome
@@ -90,7 +90,7 @@ def timed(
     if end.forbidden_actions:
         return Outcome("tampered", "; ".join(end.forbidden_actions))
     outcome = replace(outcome, times=end.times, repeatable=end.repeatable, mutated=end.mutated)
-    return with_calls(outcome, blocks, lambda: _idle_ns(idle, task, form, fresh, blocks))
+    return with_calls(outcome, blocks, lambda: _null_ns(null, task, form, fresh, blocks))
 
 
 def scheduled(child: SolverChild, task: Task, form: CertifiedForm, fresh: FreshData) -> Outcome:
@@ -121,13 +121,13 @@ def scheduled(child: SolverChild, task: Task, form: CertifiedForm, fresh: FreshD
     )
 
 
-def with_calls(outcome: Outcome, blocks: Sequence[Outcome], idle_ns: Callable[[], float]) -> Outcome:
-    """The outcome of a task with the calls of its blocks; ``idle_ns`` is the null solver's processor time for them,
+def with_calls(outcome: Outcome, blocks: Sequence[Outcome], null_ns: Callable[[], float]) -> Outcome:
+    """The outcome of a task with the calls of its blocks; ``null_ns`` is the null solver's processor time for them,
     which theirs is less of. That is NaN if LEAST_SHARE of it is below the median time of the calls."""
     update_ns, solve_ns = (np.concatenate([block.times[name] for block in blocks]) for name in ("update", "solve"))
     used_ns = float(sum(block.cpu_ns - UNSEEN_NS for block in blocks))
     least_ns = 1e3 * solve_ns.size * float(np.median(answers_us(update_ns, solve_ns))) / LEAST_SHARE
-    matters = used_ns > least_ns and (used_ns := used_ns - idle_ns()) > least_ns
+    matters = used_ns > least_ns and (used_ns := used_ns - null_ns()) > least_ns
     return replace(
         outcome,
         times={**outcome.times, "update": update_ns, "solve": solve_ns},
@@ -137,15 +137,15 @@ def with_calls(outcome: Outcome, blocks: Sequence[Outcome], idle_ns: Callable[[]
     )
 
 
-def _idle_ns(idle: SolverChild, task: Task, form: CertifiedForm, fresh: FreshData, blocks: Sequence[Outcome]) -> float:
+def _null_ns(null: SolverChild, task: Task, form: CertifiedForm, fresh: FreshData, blocks: Sequence[Outcome]) -> float:
     """Processor time of the null solver for the data of consecutive blocks; infinite if it fails, and for itself."""
-    if task.solver == idle.entry.name:
+    if task.solver == null.entry.name:
         return math.inf
-    null_task = replace(task, solver=idle.entry.name, lane=idle.entry.lane, setting=NO_SETTING)
+    null_task = replace(task, solver=null.entry.name, lane=null.entry.lane, setting=NO_SETTING)
     ends = np.cumsum([len(block.answers) for block in blocks])
-    set_up(idle, null_task, form)
+    set_up(null, null_task, form)
     again = [
-        [run_block(idle, null_task, *fresh.block(first, last)) for _ in range(TRIALS)]
+        [run_block(null, null_task, *fresh.block(first, last)) for _ in range(TRIALS)]
         for first, last in pairwise([0, *ends])
     ]
     failed = any(block.failure for trials in again for block in trials)
@@ -191,8 +191,10 @@ def interleave(
                 outcomes[task.key] = block
             elif at >= 0:
                 blocks[task.key].append(block)
-    idle_ns = sum(block.cpu_ns for task in ready if task.solver == FLOOR for block in blocks[task.key]) or math.inf
-    outcomes |= {task.key: with_calls(outcomes[task.key], blocks[task.key], lambda: idle_ns) for task in ready}
+    null_ns = (
+        sum(block.cpu_ns for task in ready if task.solver == NULL_SOLVER for block in blocks[task.key]) or math.inf
+    )
+    outcomes |= {task.key: with_calls(outcomes[task.key], blocks[task.key], lambda: null_ns) for task in ready}
     return [(task, outcomes[task.key]) for task in tasks]
 
 

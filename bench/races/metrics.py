@@ -84,8 +84,8 @@ def measures(problem: RaceProblem, form: CertifiedForm, x: Vector) -> Row:
 
 
 def judge(problem: RaceProblem, scaling: Scaling, outcome: Outcome) -> Row:
-    """Columns of an outcome; its status is ok if there is an answer to measure, whatever its solver says, which the
-    message quotes if that is not found, and else status and message are all."""
+    """Columns of an outcome; its status is answered if there is an answer to measure, whatever its solver says. The
+    message quotes the solver if that is not found; of a failure, status and message are all."""
     if outcome.failure:
         return {"status": str(Status(outcome.failure)), "message": outcome.message}
     form = problem.forms[scaling]
@@ -108,7 +108,7 @@ def judge(problem: RaceProblem, scaling: Scaling, outcome: Outcome) -> Row:
             }
     solution = Solution(form.qp, x=x, y=outcome.y, z=outcome.z, z_box=outcome.z_box, found=True)
     return {
-        "status": str(Status.OK),
+        "status": str(Status.ANSWERED),
         "message": "" if outcome.found else says,
         **measures(problem, form, x),
         **_residuals(solution),

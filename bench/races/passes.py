@@ -27,7 +27,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from bench.derived.measurements import FLOOR, HOT, INTERLEAVED, SCHEDULED, at_tiers
+from bench.derived.measurements import HOT, INTERLEAVED, NULL_SOLVER, SCHEDULED, at_tiers
 from bench.derived.tiers import supported, tier_settings
 from bench.messages.task import Outcome, Row, Start, Status, Task, Tier, Timed
 from bench.part_file import PartFile
@@ -36,7 +36,7 @@ from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.sentinel import EVERY_S
 from bench.processes.solver_child import SolverPool
 from bench.races import null_solver
-from bench.races.field import described_by
+from bench.races.lanes import described_by
 from bench.races.measuring import interleave, row_of, scheduled, timed
 from bench.races.settings import RaceSettings
 from bench.store import Run
@@ -62,7 +62,7 @@ PLAN = ["scaling", "solver", "lane"]
 
 
 @dataclass(frozen=True)
-class Pass:
+class Part:
     """One problem in one scaling and one repeat, which one worker does in one go, on any host that can access the run's
     folder.
 
@@ -152,11 +152,11 @@ class Pass:
             if task.key not in part.rows and end:
                 save(task, Outcome(str(Status.NOT_RUN), f"a looser setting {end} on this problem"))
             elif task.key not in part.rows:
-                idle = pool.children[null_solver.ENTRY.name, null_solver.ENTRY.lane]
+                null = pool.children[null_solver.ENTRY.name, null_solver.ENTRY.lane]
                 outcome = (
                     scheduled(pool.child(task), task, self.form, fresh)
                     if task.timed == SCHEDULED
-                    else timed(pool.child(task), idle, task, self.form, fresh, self._effort(task.timed))
+                    else timed(pool.child(task), null, task, self.form, fresh, self._effort(task.timed))
                 )
                 save(task, outcome, fresh)
                 pool.sentinel.sample(unless_within_s=EVERY_S)
@@ -171,16 +171,16 @@ class Pass:
         return f"took longer than {longest_s:g} s" if row["answer_us"] > 1e6 * longest_s else ""
 
 
-def second_pass(run: Run, settings: RaceSettings, field: Sequence[Described], first: Sequence[Pass]) -> Iterator[Pass]:
+def second_pass(run: Run, settings: RaceSettings, lanes: Sequence[Described], first: Sequence[Part]) -> Iterator[Part]:
     """The parts of the second pass, planned from the cold hot rows, all of which are there."""
     rows = run.rows_so_far()
     rows = rows[(rows.timed == HOT) & (rows.start == "cold")]
     tasks = max(1, len({part.problem.name for part in first}) * settings.repeats)
     calls = max(ENOUGH_JUDGED, math.ceil(CANDIDATE_CALLS / tasks))
-    answered = rows[(rows.status == Status.OK) | (rows.solver == FLOOR)]
+    answered = rows[(rows.status == Status.ANSWERED) | (rows.solver == NULL_SOLVER)]
     lines = answered.merge(planned(rows, calls), on=[*PLAN, "setting"])
     plan = {(line["task"], line["repeat"]): line for line in lines.to_dict("records")}
-    warm_startable = {(solver.name, solver.lane) for solver in field if solver.warm_start}
+    warm_startable = {(solver.name, solver.lane) for solver in lanes if solver.warm_start}
     for part in first:
         more: list[Task] = []
         for task in part.tasks:
@@ -212,13 +212,13 @@ def planned(rows: pd.DataFrame, calls: int) -> pd.DataFrame:
     reached = [tiers[(tiers.tier == tier) & (tiers.setting != "")] for tier in PREFERRED]
     plan = pd.concat([*reached, rows[rows.is_default]])[[*PLAN, "setting"]].drop_duplicates(PLAN)
     here = supported(rows).merge(plan, on=[*PLAN, "setting"])
-    here = here.assign(answered=(here.status == Status.OK) | (here.solver == FLOOR))
+    here = here.assign(answered=(here.status == Status.ANSWERED) | (here.solver == NULL_SOLVER))
     lanes = (
         here.groupby([*PLAN, "setting"])
         .agg(answered=("answered", "all"), slowest=("answer_us", "max"), samples=("samples", "min"))
         .reset_index()
     )
-    near = pd.MultiIndex.from_frame(lanes[PLAN]).isin(candidates) | (lanes.solver == FLOOR)
+    near = pd.MultiIndex.from_frame(lanes[PLAN]).isin(candidates) | (lanes.solver == NULL_SOLVER)
     return lanes.assign(
         longer=near & (lanes.samples < calls), interleaved=lanes.answered & (lanes.slowest <= LONGEST_INTERLEAVED_US)
     )

@@ -1,5 +1,10 @@
 """The race: every problem, in each scaling, by every solver in every lane at every setting of its ladder.
 
+    pass             first every setting, then one setting of each lane again
+      repeat         with fresh processes
+        part         one problem in one scaling, done by one worker, in one file
+          block      calls with fresh data that are sent at once; a round of interleaved lanes is a block of each
+
 For each problem and scaling the solvers are timed one after the other, each hot in its own process on the same core
 at every setting; a second pass follows at one setting of each (`passes`). The null solver, which does nothing, is
 the floor of all times.
@@ -11,7 +16,6 @@ one for a cost gap nearest to 1e-8.
 
 import math
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
 from functools import partial
 from typing import Any
 
@@ -28,8 +32,8 @@ from bench.messages.task import (
 )
 from bench.problems.protocol import RaceProblem
 from bench.races import null_solver
-from bench.races.field import checked
-from bench.races.passes import Pass, second_pass
+from bench.races.lanes import checked
+from bench.races.passes import Part, second_pass
 from bench.races.run_problems import problems_of, save_certificates
 from bench.races.settings import RaceSettings
 from bench.store import Run
@@ -59,11 +63,11 @@ class Race:
         hidden = (str(self.run.path.resolve()), str(user_cache.folder()))
         return ChildSettings(self.settings.time_limit_s, self.settings.memory_mb, hidden, PRELOAD)
 
-    def prepare(self, resources: ExitStack) -> None:
+    def prepare(self) -> None:
         """Generate or load the problems."""
         self.problems = list(problems_of(self.run, self.settings, self.progress))
 
-    def phases(self, field: Sequence[Described]) -> Iterator[Sequence[Pass]]:
+    def passes(self, lanes: Sequence[Described]) -> Iterator[Sequence[Part]]:
         """The first pass and the second; each part begins with the null solver. A pass is requested when the one
         before is done."""
         settings, nothing = self.settings, null_solver.ENTRY
@@ -71,10 +75,10 @@ class Race:
         def tasks(problem: RaceProblem, scaling: Scaling, repeat: int) -> Iterator[Task]:
             of_problem = problem.set_name, problem.name, scaling
             yield Task(*of_problem, nothing.name, nothing.lane, NO_SETTING, repeat=repeat, d=problem.d)
-            yield from tasks_of(settings, field, problem, scaling, repeat)
+            yield from tasks_of(settings, lanes, problem, scaling, repeat)
 
         first = [
-            Pass(
+            Part(
                 self.run.path.resolve(),
                 f"{problem.set_name}--{problem.name}--{scaling}--{repeat}",
                 tuple(tasks(problem, scaling, repeat)),
@@ -89,7 +93,7 @@ class Race:
             for scaling in settings.scalings
         ]
         yield first
-        yield [*second_pass(self.run, settings, field, first)]
+        yield [*second_pass(self.run, settings, lanes, first)]
 
     def finish(self) -> None:
         """Save the certificates, which solvers must not see."""

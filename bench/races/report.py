@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from bench.derived import ranking, schedule, summary, verdict
-from bench.derived.measurements import FLOOR, Measurements
+from bench.derived.measurements import NULL_SOLVER, Measurements
 from bench.derived.tiers import distance, failed, measured
 from bench.messages.columns import Column
 from bench.problem_files.miss import Miss
@@ -103,7 +103,7 @@ def report(run: Run, race: RaceSettings) -> Report:
     misses = dict(summary.kept(run, measurements, race.keep_misses))
     at_8_khz = schedule.on_schedule(measurements)
     beside, missed = ranking.like_with_like(measurements), summary.misses(measurements)
-    versions, every = settings.get("field", {}), measured(measurements.every)
+    versions, every = settings.get("lanes", {}), measured(measurements.all_rows)
     return Report(
         verdict.verdict(measurements, run.machine_of(measurements.rows)["core"], drifted),
         ranking.short_table(table, note),
@@ -175,7 +175,7 @@ def report(run: Run, race: RaceSettings) -> Report:
             ),
             Table.of(
                 "What went wrong",
-                summary.failures(every[every.solver != FLOOR]),
+                summary.failures(every[every.solver != NULL_SOLVER]),
                 summary.WRONG,
                 8,
                 filters=("lane", "scaling", "status"),
@@ -187,10 +187,10 @@ def report(run: Run, race: RaceSettings) -> Report:
 def remarks(run: Run, measurements: Measurements, misses: Mapping[str, Miss]) -> Iterator[str]:
     """Sentences on solvers that do not repeat their answers, hosts and models of recordings, and the lines of
     Python that solve the program of the first miss again."""
-    rows = measurements.field[~measurements.field.repeatable]
+    rows = measurements.lanes[~measurements.lanes.repeatable]
     if names := sorted({f"{marked(solver)} ({lane})" for solver, lane in zip(rows.solver, rows.lane, strict=True)}):
         yield f"The same data do not give the same bits again with {joined(names)}."
-    if others := sorted(set(measurements.every.host) - {measurements.host}):
+    if others := sorted(set(measurements.all_rows.host) - {measurements.host}):
         yield (
             f"Times are those of {measurements.host}, where most was measured; accuracy is judged by what "
             f"{', '.join(others)} measured, too."
@@ -217,7 +217,7 @@ def remarks(run: Run, measurements: Measurements, misses: Mapping[str, Miss]) ->
 def _file_of(run: Run, solver: str, lane: str) -> list[str]:
     """The file of a user's own solver, whose version has its digest; of any other solver, or of a file that has changed
     since, none."""
-    version = run.settings.get("field", {}).get(f"{solver} ({lane})", "")
+    version = run.settings.get("lanes", {}).get(f"{solver} ({lane})", "")
     return [
         path
         for path in run.settings["settings"].get("solver_files", ())

@@ -7,7 +7,7 @@ from typing import Any
 from bench.messages.task import Progress
 from bench.processes.engine import Workers
 from bench.races.driver import drive
-from bench.races.field import checked
+from bench.races.lanes import checked
 from bench.races.race import PRELOAD, Race
 from bench.races.report import report
 from bench.races.run_problems import left_out
@@ -79,7 +79,7 @@ def write(run: Run) -> tuple[Report, Path]:
 def environment(run: Run) -> list[tuple[str, str]]:
     """Names and texts about machine, versions and settings."""
     settings = run.settings
-    field = ", ".join(f"{name} {version}" for name, version in settings.get("field", {}).items())
+    lanes = ", ".join(f"{name} {version}" for name, version in settings.get("lanes", {}).items())
     absent = ", ".join(settings.get("absent", {}))
     chosen = ", ".join(
         f"{name} {_text(value)}" for name, value in settings["settings"].items() if value not in ([], {}, None, "")
@@ -93,7 +93,7 @@ def environment(run: Run) -> list[tuple[str, str]]:
         ]
     told += [
         ("settings", chosen),
-        ("solvers", field),
+        ("solvers", lanes),
         ("absent", absent),
         ("not raced", "; ".join(f"{name}: {reason}" for name, reason in left_out(run))),
     ]

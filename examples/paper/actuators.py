@@ -139,7 +139,7 @@ def figure(table: pd.DataFrame) -> Figure:
             }.items()
             for cycle, percent in enumerate(values, 1)
         ]
-    cycle = Axis("cycle", "cycle", values=range(1, len(cycles) + 1), label="format(datum.value, 'd')")
+    cycle = Axis("cycle", "cycle", values=range(1, len(cycles) + 1), format="d")
     colours = dict(zip([*levels, *errors], (PALETTE[1], PALETTE[2], GREY, PALETTE[0], PALETTE[5], INK), strict=True))
     plots = [
         Plot(

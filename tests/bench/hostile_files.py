@@ -181,4 +181,4 @@ def make_hostile(run: Run, file: str, columns: Iterable[str], payloads: Sequence
     parquet.write_table(table, run.path / file)
     named = {payload: payload for payload in payloads}
     left_out = {"paper": {payload.replace("/", ""): payload for payload in payloads}}
-    run.note(field=named, absent=named, left_out=left_out)
+    run.note(lanes=named, absent=named, left_out=left_out)

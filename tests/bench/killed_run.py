@@ -41,7 +41,7 @@ def carry_on(folder: Path, settings: dict[str, Any], killed_at: int | None = Non
     except RunError:
         run = Run.create(folder, settings, "run")
     if not run.is_finished():
-        run.note(field={"daqp": "1"}, absent={})
+        run.note(lanes={"daqp": "1"}, absent={})
         for name in ("first", "second"):
             part = run.part(name)
             if part.notes is None:

@@ -32,7 +32,7 @@ ORDINARY: Row = {
     "timed": "hot",
     "host": "here",
     "settings": "{}",
-    "status": "ok",
+    "status": "answered",
     "cost_gap": 0.0,
     "violation": 0.0,
     "update_us": 0.0,
@@ -63,7 +63,7 @@ def ladder(gaps: Mapping[str, Sequence[float]], **known: Any) -> list[Row]:
     for problem, by_rung in gaps.items():
         for rung, gap in enumerate(by_rung):
             here = {name: value[rung] if isinstance(value, list) else value for name, value in known.items()}
-            status = "solver_failed" if np.isnan(gap) else "ok"
+            status = "solver_failed" if np.isnan(gap) else "answered"
             found.append(
                 row(
                     **{

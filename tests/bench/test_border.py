@@ -320,9 +320,9 @@ def test_a_run_that_names_a_python_file_is_continued_only_with_that_file(
     words = ("resume", run, "--solver", "mine.py", "--solver", "other.py")
     assert f"the race did not use {tmp_path / 'other.py'}" in piezobench(*words, folder=tmp_path).refusal
     assert not (tmp_path / "HARMED").exists()
-    Run(run).note(field={**Run(run).settings["field"], "mine (direct)": "0badc0de"})
+    Run(run).note(lanes={**Run(run).settings["lanes"], "mine (direct)": "0badc0de"})
     assert "raced mine (direct) in version 0badc0de, and" in piezobench(*words[:-2], folder=tmp_path).refusal
-    Run(run).note(field={})
+    Run(run).note(lanes={})
     piezobench.run(*words[:-2], folder=tmp_path)
     assert "mine" in set(Run(run).rows().solver)
 
@@ -350,11 +350,11 @@ def test_a_race_is_not_resumed_with_another_version_of_a_solver(
 ) -> None:
     run = unfinished(clean_race, tmp_path / "run")
     noted = json.loads((run / "run.json").read_text())
-    now = noted["field"]["daqp (direct)"]
-    (run / "run.json").write_text(json.dumps({**noted, "field": {**noted["field"], "daqp (direct)": "0.1.2"}}))
+    now = noted["lanes"]["daqp (direct)"]
+    (run / "run.json").write_text(json.dumps({**noted, "lanes": {**noted["lanes"], "daqp (direct)": "0.1.2"}}))
     refusal = piezobench("resume", run).refusal
     assert f"raced daqp (direct) in version 0.1.2, and {os.uname().nodename} has {now}; begin a new run" in refusal
-    assert json.loads((run / "run.json").read_text())["field"]["daqp (direct)"] == "0.1.2"
+    assert json.loads((run / "run.json").read_text())["lanes"]["daqp (direct)"] == "0.1.2"
 
 
 def test_a_run_that_names_a_test_set_is_continued_only_with_its_file(

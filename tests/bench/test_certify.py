@@ -217,12 +217,12 @@ def test_a_program_without_an_optimum_or_an_answer_that_is_none_is_refused_by_it
     assert not (tmp_path / "c.json").exists()
 
 
-def test_a_proof_that_takes_too_much_work_ends_with_status_3_and_says_how_far_it_came(
+def test_a_proof_that_takes_too_much_work_ends_with_status_4_and_says_how_far_it_came(
     piezobench: CommandLine, tmp_path: Path
 ) -> None:
     file = saved(PROGRAMS["rows and equalities"], tmp_path)
     ended = piezobench("certify", file, "--work", 100, "--out", tmp_path / "c.json")
-    assert ended.status == 3
+    assert ended.status == 4
     assert "no proof within 1e+02 bit operations of exact arithmetic; P is convex, and no active set" in ended.stderr
     assert not (tmp_path / "c.json").exists()
 

@@ -73,7 +73,7 @@ def test_no_cheat_is_right_in_less_than_half_the_time_of_the_honest_solver(cheat
     reached = settings.setting[settings.solver == name] != ""
     assert reached.size
     assert reached.any() == (name in RIGHT), cheats.rows[cheats.rows.solver == name].message.tolist()
-    field = cheats.found.field.set_index("solver")
+    field = cheats.found.lanes.set_index("solver")
     honest = cheats.found.pooled(field.task[["honest"]]).min()  # which other processes disturb least
     assert not reached.any() or field.answer_us[[name]].min() >= LEAST * honest > 0.0
 
@@ -106,7 +106,7 @@ def test_the_judged_answers_of_an_honest_solver_are_those_that_were_timed(cheats
 
 def test_the_worst_judged_answer_is_stored_with_its_data_and_can_be_judged_again(cheats: Race) -> None:
     rows = cheats.rows[
-        (cheats.rows.judged > 0) & (cheats.rows.status == Status.OK) & np.isfinite(cheats.rows.timed_gap)
+        (cheats.rows.judged > 0) & (cheats.rows.status == Status.ANSWERED) & np.isfinite(cheats.rows.timed_gap)
     ]
     assert {"tires", "daqp"} <= set(rows.solver)
     problem = cheats.run.problem("paper", rows.problem.iloc[0])
@@ -132,12 +132,12 @@ def test_an_honest_randomised_solver_is_right_in_every_run(tmp_path: Path) -> No
     form = CertifiedForm(qp, 1.0, np.eye(18), certify(qp, np.zeros(18)), cost_unit=1.0)
     problem = RaceProblem("none", "none", {"scaled": form})
     task = Task("none", "none", "scaled", "honest", Lane.DIRECT, NO_SETTING)
-    with SolverChild(from_file(file)) as child, SolverChild(null_solver.ENTRY) as idle:
+    with SolverChild(from_file(file)) as child, SolverChild(null_solver.ENTRY) as null:
         for _ in range(RUNS):
             fresh = FreshData(form, 20)
-            outcome = timed(child, idle, task, form, fresh, Effort(0.0, 20, 20))
+            outcome = timed(child, null, task, form, fresh, Effort(0.0, 20, 20))
             row = row_of(problem, task, outcome, fresh, 5, "")
-            assert (row["status"], row["judged"]) == (Status.OK, 20), row["message"]
+            assert (row["status"], row["judged"]) == (Status.ANSWERED, 20), row["message"]
             assert max(row["timed_gap"], row["cost_gap"]) <= 1e-9
             assert np.isnan(row["cpu_us"])
 
@@ -176,8 +176,8 @@ def test_untimed_work_of_a_compiled_solver_counts_by_its_processor_time(
     qp = Problem(np.eye(18), -np.linspace(-1.0, 1.0, 18), lb=np.zeros(18), ub=np.full(18, np.inf))
     unit = CertifiedForm(qp, 1.0, np.eye(18), certify(qp, np.zeros(18)), cost_unit=1.0)
     task = Task("none", "none", "scaled", entry.name, entry.lane, Setting('{"refinements": 2}', 1, False))
-    with SolverChild(entry) as child, SolverChild(null_solver.ENTRY) as idle:
-        outcome = timed(child, idle, task, unit, FreshData(unit, 300), Effort(0.0, 60, 60))
+    with SolverChild(entry) as child, SolverChild(null_solver.ENTRY) as null:
+        outcome = timed(child, null, task, unit, FreshData(unit, 300), Effort(0.0, 60, 60))
     assert outcome.failure == "", outcome.message
     assert np.isnan(outcome.cpu_ns) == (beside_ns == 0)
     assert beside_ns == 0 or outcome.cpu_ns > 0.5 * beside_ns * len(outcome.answers)

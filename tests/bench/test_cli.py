@@ -159,7 +159,7 @@ def test_no_process_imports_from_the_working_folder(tmp_path: Path) -> None:
     )
     assert (done.returncode, (tmp_path / "imported").exists()) == (0, False), done.stderr
     rows = pd.read_parquet(folder / "results/own/rows.parquet").query("solver == 'quadprog' and scaling == 'scaled'")
-    assert (rows.status == "ok").all()
+    assert (rows.status == "answered").all()
 
 
 @pytest.mark.sample(1)

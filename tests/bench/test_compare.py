@@ -259,7 +259,7 @@ def test_different_settings_and_machines_come_first_and_all_fits_on_a_screen(
         slowed(wide_race, 1.2, lambda rows: rows.solver == "daqp"),
         settings={"seed": 7},
         machine={"processor": "An abacus"},
-        field={"daqp (direct)": "0.0.1"},
+        lanes={"daqp (direct)": "0.0.1"},
     )
     call = piezobench("compare", wide_race.run.path, other.path, "--out", tmp_path / "c")
     lines = call.stdout.splitlines()

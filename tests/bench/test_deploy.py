@@ -134,8 +134,8 @@ def test_a_solver_lane_has_the_loosest_setting_within_the_accuracy_ten_times_ove
     [
         {"timed_gap": [0.0, 1e-6]},
         {"violation": [0.0, 1e-6]},
-        {"status": ["ok", "unsupported"]},
-        {"status": ["ok", "not_run"]},
+        {"status": ["answered", "unsupported"]},
+        {"status": ["answered", "not_run"]},
         {"cost_gap": [0.0, math.nan]},
         {"message": ["", "says 'exit flag -4'"]},
     ],

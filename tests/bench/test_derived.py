@@ -60,7 +60,7 @@ def test_unknown_values_are_errors_and_the_stage_notices_a_hundredth_of_its_nois
     assert error_of(tier, **known) == pytest.approx(expected)
 
 
-@pytest.mark.parametrize("status", [status for status in Status if status is not Status.OK])
+@pytest.mark.parametrize("status", [status for status in Status if status is not Status.ANSWERED])
 def test_an_answer_whose_status_is_not_ok_has_an_infinite_error_however_small_its_gap(status: Status) -> None:
     assert (
         error_of(Tier.LOW, status=str(status)) == error_of(Tier.STAGE, status=str(status), stage_excess=0.0) == math.inf
@@ -263,7 +263,7 @@ def test_a_repeat_in_which_a_setting_was_not_run_hides_no_repeat_in_which_it_was
         repeats.insert(at, skipped)
         (one,) = merged(table([{**each, "repeat": i} for i, each in enumerate(repeats)])).to_dict("records")
         assert (one["status"], one["message"], one["cost_gap"], one["repeats"], one["samples"]) == (
-            "ok",
+            "answered",
             "",
             0.0,
             2,
@@ -285,7 +285,7 @@ def test_times_are_those_of_the_host_with_most_rows_and_settings_are_judged_by_a
     )
     assert found.host == "here"
     assert set(found.rows.host) == {"here"}
-    assert (found.field.solve_us_p50 == 1.0).all()
+    assert (found.lanes.solve_us_p50 == 1.0).all()
     assert found.settings.set_index("tier").setting[Tier.MID] == "s1"
 
 
@@ -305,7 +305,7 @@ def test_the_scaling_of_the_first_screen_is_the_one_with_most_measurements(scali
 
 def test_warm_rows_come_with_the_setting_of_the_tier_and_are_judged_by_themselves() -> None:
     found = measured([*ladder({"p1": [1e-12]}), *ladder({"p1": [1e-8]}, start="warm")])
-    high = found.tiers[found.tiers.tier == Tier.HIGH].set_index("start")
+    high = found.rows_at_tiers[found.rows_at_tiers.tier == Tier.HIGH].set_index("start")
     assert high.right.to_dict() == {"cold": True, "warm": False}
 
 
@@ -323,7 +323,7 @@ def test_longer_calls_replace_the_hot_ones_of_their_repeat_and_interleaved_ones_
     assert found.interleaved_us.daqp == 7.0
     assert (found.samples.daqp, found.repeats.daqp) == (3300, 2)
     assert (found.cost_gap.daqp, found.timed_gap.daqp) == (1e-7, 1e-8)
-    assert found.status.to_dict() == {"daqp": "ok", "osqp": "crashed"}
+    assert found.status.to_dict() == {"daqp": "answered", "osqp": "crashed"}
 
 
 def test_an_answer_takes_no_less_than_half_of_the_processor_time_in_every_percentile() -> None:

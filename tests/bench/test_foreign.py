@@ -280,7 +280,7 @@ def test_a_p_that_stays_is_not_passed_again_in_any_kind_of_call(raced: tuple[Run
     rows = raced[0].rows()
     rows = rows[rows.solver == "only_q"]
     assert set(rows.timed) >= {"hot", "interleaved", "scheduled"}
-    assert set(rows.status) == {"ok"}, rows.message.unique()
+    assert set(rows.status) == {"answered"}, rows.message.unique()
 
 
 def test_a_folder_without_a_proof_is_not_raced(piezobench: CommandLine, tmp_path: Path) -> None:
@@ -355,7 +355,7 @@ def test_rows_are_judged_by_the_distance_to_the_nearest_feasible_point(
     form = problem.forms[scaling]
     best = np.array(form.certificate.x)
     right = judged(problem, scaling, Outcome(found=True, x=best))
-    assert (right.status, right.weight_error, np.isnan(right.model_error_percent)) == (Status.OK, 0.0, True)
+    assert (right.status, right.weight_error, np.isnan(right.model_error_percent)) == (Status.ANSWERED, 0.0, True)
     assert is_right(right, Tier.EXACT)
     rows = dense(form.qp.G)
     k = int(np.argmin(form.qp.h - rows @ best))  # an active row, violated by 1e-3

@@ -68,7 +68,7 @@ def test_solvers_that_use_a_start_have_warm_rows_and_the_others_none(drift_race:
     assert warm == {"daqp", "osqp", "box_active_set"}
     assert set(rows.solver[rows.start == "cold"]) == warm | {"quadprog", "says_who", "null"}
     both = rows[rows.solver.isin(["daqp", "box_active_set"])]
-    assert (both.status == Status.OK).all()
+    assert (both.status == Status.ANSWERED).all()
     # repeats, problems, settings in the lanes of either, then warm lanes
     assert len(both) == 2 * 2 * (2 * 3 + 2) + 2 * 2 * (2 + 2)
     report = (drift_race.run.path / "report.md").read_text()
@@ -179,9 +179,9 @@ def test_a_warm_solve_begins_at_its_start_and_does_not_change_it(name: str, lane
     default = next(setting for setting in settings_ladder(describe(entry)) if setting.is_default)
     task = Task("none", "none", "scaled", entry.name, entry.lane, default, start="warm")
     form = replace(form_of(QP), starts={"warm": (best := np.array([0.0, 2.0]))})
-    with SolverChild(entry) as child, SolverChild(null_solver.ENTRY) as idle:
+    with SolverChild(entry) as child, SolverChild(null_solver.ENTRY) as null:
         fresh = FreshData(form, 7)
-        outcome = timed(child, idle, task, form, fresh, Effort(0.0, 7, 7))
+        outcome = timed(child, null, task, form, fresh, Effort(0.0, 7, 7))
     assert outcome.failure == ""
     np.testing.assert_allclose(outcome.x, best, atol=1e-9)
     assert not outcome.mutated

@@ -148,8 +148,8 @@ def test_filters_and_search_show_the_matching_rows(browser: Browser, page: Path,
     ]
     assert len(expected) >= 3
     assert sorted(column(browser, "solver")) == sorted(expected.solver.map(marked))
-    choose(browser, "status", "ok")
-    assert sorted(column(browser, "solver")) == sorted(expected[expected.status == "ok"].solver.map(marked))
+    choose(browser, "status", "answered")
+    assert sorted(column(browser, "solver")) == sorted(expected[expected.status == "answered"].solver.map(marked))
     browser.run("""const search = document.querySelectorAll('.grid')[1].querySelector('input');
         search.value = 'DAQP'; search.dispatchEvent(new Event('input'))""")
     assert set(column(browser, "solver")) == {"daqp"}
@@ -205,7 +205,7 @@ def test_names_with_markup_and_script_are_shown_as_text(browser: Browser, wide_r
         return rows.assign(settings=rows.settings.where(rows.solver != NAME, json.dumps({EVIL: EVIL})))
 
     folder = tmp_path / "<img src=x onerror=document.title='run'>"
-    run = wide_race.copied(folder, evil, machine={"warnings": [EVIL]}, field={EVIL: EVIL})
+    run = wide_race.copied(folder, evil, machine={"warnings": [EVIL]}, lanes={EVIL: EVIL})
     browser.open(written(run))
     assert browser.console() == []
     assert browser.run("return document.title") == f"Race {folder.name}"

@@ -16,7 +16,7 @@ from small_races import Race
 from bench.messages.task import NO_SETTING, ChildSettings, RaceError, Status, Task, Tier
 from bench.problems.protocol import CertifiedForm
 from bench.processes.solver_child import SolverChild, entry_of_file
-from bench.races.field import checked
+from bench.races.lanes import checked
 from bench.races.measuring import set_up
 from bench.races.race import PRELOAD
 from bench.races.settings import RaceSettings
@@ -33,24 +33,24 @@ STATUS = {
     "raises_in_setup": Status.ADAPTER_FAILED,
     "raises_in_update": Status.ADAPTER_FAILED,
     "answers_nan": Status.MISSED,
-    "lies": Status.OK,
-    "infeasible": Status.OK,
+    "lies": Status.ANSWERED,
+    "infeasible": Status.ANSWERED,
     "short": Status.MISSED,
-    "nothing": Status.OK,
+    "nothing": Status.ANSWERED,
     "odd_duals": Status.ADAPTER_FAILED,
-    "writes": Status.OK,
-    "writes_later": Status.OK,
-    "unrepeatable": Status.OK,
-    "noisy": Status.OK,
+    "writes": Status.ANSWERED,
+    "writes_later": Status.ANSWERED,
+    "unrepeatable": Status.ANSWERED,
+    "noisy": Status.ANSWERED,
     "unsupported": Status.UNSUPPORTED,
-    "boasts": Status.OK,
-    "miscounts": Status.OK,
+    "boasts": Status.ANSWERED,
+    "miscounts": Status.ANSWERED,
     "answers_complex": Status.ADAPTER_FAILED,
-    "prints_much": Status.OK,
-    "starts_others": Status.OK,
-    "forks": Status.OK,
+    "prints_much": Status.ANSWERED,
+    "starts_others": Status.ANSWERED,
+    "forks": Status.ANSWERED,
     "closes_descriptors": Status.CRASHED,
-    "starts_threads": Status.OK,
+    "starts_threads": Status.ANSWERED,
     "ignores_signals": Status.TIMED_OUT,
 }
 SAID = {
@@ -86,7 +86,7 @@ def test_a_faulty_solver_gets_the_status_of_its_fault(faulty_race: Race, name: s
     row = row_of(faulty_race, name)
     assert row.status == STATUS[name]
     assert SAID.get(name, "") in row.message
-    assert (row.message == "") == (row.status == Status.OK and name not in SAID)
+    assert (row.message == "") == (row.status == Status.ANSWERED and name not in SAID)
     assert "\n" not in row.message
 
 
@@ -94,7 +94,7 @@ def test_the_race_ends_with_1_and_a_last_line_that_names_the_users_own_lanes_tha
     faulty_race: Race, clean_race: Race
 ) -> None:
     *_, last = faulty_race.call.stdout.splitlines()
-    wrong = {name for name, status in STATUS.items() if status != Status.OK} | {"lies", "infeasible"}
+    wrong = {name for name, status in STATUS.items() if status != Status.ANSWERED} | {"lies", "infeasible"}
     assert {name for name in STATUS if f" {name} (direct) " in last} == wrong
     assert "segfaults (direct) fails on bouc_wen-staircase: the process ended with SIGSEGV" in last
     assert "lies (direct) errs by " in last
@@ -107,7 +107,9 @@ def test_a_wrong_answer_is_measured_and_misses_every_tier(faulty_race: Race, nam
     assert row_of(faulty_race, name)[figure] > 1e-2
     found = faulty_race.found
     assert (found.settings[(found.settings.solver == name) & (found.settings.scaling == "scaled")].setting == "").all()
-    (default,) = found.tiers[(found.tiers.solver == name) & (found.tiers.scaling == "scaled")].to_dict("records")
+    (default,) = found.rows_at_tiers[
+        (found.rows_at_tiers.solver == name) & (found.rows_at_tiers.scaling == "scaled")
+    ].to_dict("records")
     assert (default["tier"], default["right"], default["status"]) == (Tier.DEFAULT, False, Status.MISSED)
 
 
@@ -121,7 +123,7 @@ def test_impossible_counts_and_times_are_empty_in_the_table(faulty_race: Race, n
 @pytest.mark.parametrize("name", STATUS)
 def test_the_task_after_a_fault_gets_a_process_that_works(faulty_race: Race, name: str) -> None:
     row = row_of(faulty_race, name, "raw")
-    assert (row.status, row.mutates_input, row.repeatable) == (Status.OK, False, True)
+    assert (row.status, row.mutates_input, row.repeatable) == (Status.ANSWERED, False, True)
 
 
 def test_faulty_solvers_do_not_change_the_rows_of_others(clean_race: Race, faulty_race: Race) -> None:

@@ -36,7 +36,13 @@ ENDS = {
     "fails": "1 / 0",
 }
 """The behaviour of a solver from its third setting on."""
-STATUS = {"crashes": "crashed", "hangs": "timed_out", "lingers": "ok", "goes_on": "ok", "fails": "adapter_failed"}
+STATUS = {
+    "crashes": "crashed",
+    "hangs": "timed_out",
+    "lingers": "answered",
+    "goes_on": "answered",
+    "fails": "adapter_failed",
+}
 
 
 def with_ladder(folder: Path, name: str) -> Path:
@@ -126,7 +132,13 @@ def test_a_crash_a_timeout_and_an_answer_of_more_than_a_tenth_of_the_limit_end_a
     rows = ended.race.rows[ended.race.rows.solver == name].sort_values("rung")
     assert rows.rung.tolist() == [-1, 0, 1, 2, 3, 4]
     goes_on = name in ("goes_on", "fails")
-    assert rows.status.tolist() == ["ok", "ok", "ok", STATUS[name], *[STATUS[name] if goes_on else "not_run"] * 2]
+    assert rows.status.tolist() == [
+        "answered",
+        "answered",
+        "answered",
+        STATUS[name],
+        *[STATUS[name] if goes_on else "not_run"] * 2,
+    ]
     assert logged(ended.folder, name) == ({0, 2, 4, 6, 8, 10} if goes_on else {0, 2, 4, 6})
     behind = rows[rows.status == "not_run"]
     assert behind[["cost_gap", "solve_us_p50"]].isna().all(axis=None)
@@ -248,7 +260,7 @@ def test_given_settings_are_raced_beside_the_defaults_in_place_of_the_ladder(
     rows = race.hot[race.hot.solver == "osqp"]
     assert {*zip(rows.rung, rows.is_default, strict=True)} == {(-1, True), (0, False)}
     assert all(json.loads(text) == json.loads(given[5:]) for text in rows[rows.rung == 0].settings)
-    assert (rows.status == "ok").all()
+    assert (rows.status == "answered").all()
     assert race.hot[race.hot.solver == "daqp"].setting.nunique() == 3
 
 

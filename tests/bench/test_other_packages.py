@@ -73,9 +73,9 @@ def test_a_solver_of_another_package_is_raced_like_ours_and_its_version_kept(tmp
     )
     assert call.returncode == 0, call.stderr
     run = Run(tmp_path / "run")
-    assert run.settings["field"] == {"tiny (direct)": "1.2.3"}
+    assert run.settings["lanes"] == {"tiny (direct)": "1.2.3"}
     rows = run.rows()
-    assert set(rows.status[rows.solver == "tiny"]) == {"ok"}
+    assert set(rows.status[rows.solver == "tiny"]) == {"answered"}
 
 
 def listed(target: Path, code: str) -> str:

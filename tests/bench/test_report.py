@@ -42,7 +42,7 @@ def test_the_summary_holds_every_solver_in_each_scaling(report: str, faulty_race
     shown = pd.read_csv(faulty_race.run.path / "summary.csv")
     key = ["solver", "lane", "tier", "scaling"]
     assert {*shown[key].itertuples(index=False, name=None)} == {
-        *faulty_race.found.tiers[key].itertuples(index=False, name=None),
+        *faulty_race.found.rows_at_tiers[key].itertuples(index=False, name=None),
         *(("floor", "direct", "default", scaling) for scaling in ("scaled", "raw")),
     }
 
@@ -50,7 +50,7 @@ def test_the_summary_holds_every_solver_in_each_scaling(report: str, faulty_race
 def test_every_message_is_in_the_report_and_no_markup_of_it(report: str, faulty_race: Race) -> None:
     messages = {unescape(line[-1]) for line in tables(report)[-1][2:]}
     rows = faulty_race.rows[faulty_race.rows.solver != "null"]
-    first = rows[rows.status != Status.OK].drop_duplicates(["solver", "lane", "scaling", "status"])
+    first = rows[rows.status != Status.ANSWERED].drop_duplicates(["solver", "lane", "scaling", "status"])
     assert messages == {" ".join(message.split()) for message in first.message}
     assert any(message.endswith("| g |") for message in messages)
     assert "<script>" not in report

@@ -115,9 +115,9 @@ def test_a_lane_that_fails_on_another_host_or_in_a_timed_answer_alone_went_wrong
     rows = [*ladder({"p1": [1e-12], "p2": [1e-12]}), row(problem="p3", solver="other", cost_gap=1e-12)]
     lost = row(**{"problem": "p1", "solver": "other", "status": "crashed", "message": "gone", **of})
     if "timed_gap" in of:
-        lost |= {"status": "ok", "message": ""}
+        lost |= {"status": "answered", "message": ""}
     found = measured([*rows, lost])
-    assert failures(found.every)[["solver", "such_as"]].values.tolist() == [["other", "paper/p1"]]
+    assert failures(found.all_rows)[["solver", "such_as"]].values.tolist() == [["other", "paper/p1"]]
     assert misses(found)[["solver", "problem"]].values.tolist() == [["other", "p1"]]
 
 

@@ -1,4 +1,4 @@
-"""The field of a race: the selected solvers, and those of them that run here."""
+"""The solver lanes of a race: those that are selected, and those of them that run here."""
 
 import os
 import re
@@ -65,9 +65,9 @@ def described_by(run: Run, pool: SolverPool) -> list[Described]:
     """The solvers, described where they run. RaceError if one has another version than in the run: resumed or spread
     over machines, a run has one version of each solver lane."""
     described = [child.describe() for child in pool.children.values() if child.entry is not null_solver.ENTRY]
-    field = run.settings.get("field", {})
+    noted = run.settings.get("lanes", {})
     for solver in described:
-        was = field.get(lane := f"{solver.name} ({solver.lane})", solver.version)
+        was = noted.get(lane := f"{solver.name} ({solver.lane})", solver.version)
         if not solver.absent and _release(was) != _release(solver.version):
             raise RaceError(
                 f"{run.path} raced {lane} in version {was}, and {os.uname().nodename} has {solver.version}; begin a "
@@ -81,25 +81,25 @@ def _release(version: str) -> str:
     return version.partition(",")[0]
 
 
-def field_of(run: Run, pool: SolverPool) -> list[Described]:
+def lanes_here(run: Run, pool: SolverPool) -> list[Described]:
     """The solvers that run here, noted in the run; RaceError if no solver runs, one selected by name runs in no lane,
     or one has another version than in the run."""
     described, before = described_by(run, pool), run.settings
-    field = [solver for solver in described if not solver.absent]
-    versions = {f"{solver.name} ({solver.lane})": solver.version for solver in field}
+    lanes = [solver for solver in described if not solver.absent]
+    versions = {f"{solver.name} ({solver.lane})": solver.version for solver in lanes}
     absent = {f"{solver.name} ({solver.lane})": solver.absent for solver in described if solver.absent}
-    noted = before.get("field", {})
+    noted = before.get("lanes", {})
     same = {lane: was for lane, was in noted.items() if _release(was) == _release(versions.get(lane, was))}
     own = {  # 1e-9 at the finest: rungs may ask for more than rounding allows
         f"{solver.name} ({solver.lane})": 10.0 ** (1 - min((10.0, *solver.exponents[-1:])))
         for solver in described
         if pool.children[solver.name, solver.lane].entry.path
     }
-    run.note(field=versions | same, absent=before.get("absent", {}) | absent, own=own)
-    present = {solver.name for solver in field}
+    run.note(lanes=versions | same, absent=before.get("absent", {}) | absent, own=own)
+    present = {solver.name for solver in lanes}
     for solver in described:
         if solver.name in before["settings"]["solvers"] and solver.name not in present:
             raise RaceError(f"the selected solver {solver.name} is absent: {solver.absent}")
-    if not field:
+    if not lanes:
         raise RaceError(f"no selected solver runs here; {described[0].name}: {described[0].absent}")
-    return field
+    return lanes
