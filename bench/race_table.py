@@ -88,10 +88,11 @@ own. ``timed`` is hot, long, interleaved or scheduled; ``late`` answers of those
 deadline, in ``bouts``. ``answer`` is the first one, and ``timed_answer`` the worst of the ``judged`` timed ones,
 drawn with ``draw_seed``, to the data of call ``timed_call``: ``timed_shares`` are the shares of the problem and its
 windows in these data, ``timed_factors`` those of q. ``message`` says what failed, or of an answer to judge what its
-solver says if that is not found. ``answer_us`` is the median time of an answer, ``cpu_us`` the mean processor time of
-a call where that is more than half as long again. A line of the summary is a solver lane at a tier and its setting,
-over all problems of a set; the columns that begin with the solver are those of the large table, solver, accuracy and
-times first, since a screen may cut off the others."""
+solver says if that is not found. ``answer_us`` is the median time of an answer, ``cpu_us`` the processor time of a
+call, the mean or the median of those in a block of their own, whichever is less, where it is more than half as long
+again. A line of the summary is a solver lane at a tier and its setting, over all problems of a set; the columns that
+begin with the solver are those of the large table, solver, accuracy and times first, since a screen may cut off the
+others."""
 KEY = ("problem_set", "problem", "scaling", "solver", "lane", "rung", "start", "timed", "repeat", "host")
 """Columns by which the rows are sorted, and which identify a row."""
 ROWS = schema((*named("task", "machine"), *COLUMNS))

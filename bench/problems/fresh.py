@@ -24,13 +24,11 @@ from solvers.arrays import Index, Matrix, Vector, product
 from solvers.certificate import NotCertified, certify
 from solvers.protocol import Solver
 
-Data = tuple[Matrix | None, Matrix]
-"""P (n, d, d), None if it is fixed, and q (n, d)."""
 LEAST = 0.9
 """Smallest factor of q for a problem without windows."""
 
 
-def mixed(form: CertifiedForm, shares: Matrix, factors: Matrix) -> Data:
+def mixed(form: CertifiedForm, shares: Matrix, factors: Matrix) -> tuple[Matrix | None, Matrix]:
     """P (n, d, d) and q (n, d) of n mixtures of a problem and its windows, with shares (n, 1 + windows) and factors of
     q (n, d) or (n, 1); P is exactly symmetric if the problem's is, and None without windows, since it is the problem's.
     """
@@ -124,11 +122,16 @@ class FreshData:
         """Shares and factors of a call, as of :func:`mixture`."""
         return self._shares[call], self._factors[call]
 
-    def block(self, first: int, last: int) -> Data:
-        """The data of calls ``first`` to ``last`` − 1."""
+    def block(self, first: int, last: int) -> tuple[Matrix | None, Matrix]:
+        """The data of calls ``first`` to ``last`` − 1, which may be more than ``count``."""
+        if last > len(self._shares):
+            self._shares, self._factors = map(
+                np.vstack, zip((self._shares, self._factors), self._drawn(last - len(self._shares)), strict=True)
+            )
+            self._permutation = self._generator.permutation(last)
         return mixed(self._form, self._shares[first:last], self._factors[first:last])
 
-    def unseen(self, count: int) -> Data:
+    def unseen(self, count: int) -> tuple[Matrix | None, Matrix]:
         """``count`` new data; their answers are not judged."""
         return mixed(self._form, *self._drawn(count))
 

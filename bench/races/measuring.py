@@ -2,18 +2,21 @@
 several interleaved.
 
 The parent knows the processor time of the child's process, and that of the null solver for the same blocks. Their
-difference is what the calls cost, whatever the child reports and wherever in a block it does its work, and the time of
-an answer counts as no less than two thirds of its mean. Messages cost some hundreds of microseconds a block, which
-differ between two processes, so that less than UNSEEN_NS remains unseen.
+difference is what the calls cost, whatever the child reports and wherever in a block it does its work. If its mean is
+far above the median of the times, a few slow calls are the reason, or calls that were answered ahead of the clock, with
+the data of their block. So further calls follow, each in a block of its own, whose data cannot be known ahead, and the
+time of an answer counts as no less than two thirds of the mean or of their median, whichever is less. Messages cost
+some hundreds of microseconds a block, which differ between two processes, so that less than UNSEEN_NS remains unseen,
+and a median of less than SEEN_NS counts as that.
 
 A row holds the accuracy and the times of one measurement, independent of tiers.
 """
 
 import math
 import random
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, repeat
 from typing import Any
 
 import numpy as np
@@ -23,6 +26,7 @@ from bench.derived.measurements import NULL_SOLVER
 from bench.messages.task import NO_SETTING, Outcome, Row, Task
 from bench.problem_files.program import fields_of
 from bench.problems.fresh import FreshData
+from bench.problems.gap_bounds import has_bounds_only
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild
 from bench.race_table import complete
@@ -35,6 +39,10 @@ from solvers.protocol import Lane, Matrix
 
 UNSEEN_NS = 250_000
 """Processor time of a block by which two processes may differ that do the same."""
+SEEN_NS = 100_000
+"""Least processor time of a call in a block of its own that is known to a third."""
+ALONE = 9
+"""Number of such calls beyond the first."""
 TRIALS = 3
 """Number of blocks of the null solver, of which the longest counts."""
 WARM_UP = 1
@@ -62,7 +70,7 @@ def run_block(child: SolverChild, task: Task, P: Matrix | None, q: Matrix, most_
         n not in range(1, len(q) + 1) or shapes != {"answers": (n, q.shape[1]), "update": (n,), "solve": (n,)}
     ):
         return Outcome("tampered", "its process sent an answer that was not requested")
-    return replace(block, cpu_ns=child.cpu_ns() - cpu_ns)
+    return replace(block, cpu_ns=math.nan if block.failure else child.cpu_ns() - cpu_ns)
 
 
 def timed(
@@ -74,16 +82,19 @@ def timed(
         return outcome
     blocks: list[Outcome] = []
     size, done, spent_ns = 1, 0, 0
-    while effort.goes_on(done, spent_ns):
-        n = min(size, fresh.calls_at_once, effort.most - done)
+    while (goes_on := effort.goes_on(done, spent_ns)) or (
+        has_bounds_only(form)
+        and sum(len(block.answers) == 1 for block in blocks) <= ALONE
+        and hidden_ns(blocks, repeat(0.0)) > SEEN_NS * done
+    ):
+        n = min(size, fresh.calls_at_once, effort.most - done) if goes_on else 1
         most_ns = max(effort.budget_s * 1e9, LONG_NS if done < effort.fewest else 0.0) - spent_ns
-        block = run_block(child, task, *fresh.block(done, done + n), most_ns=most_ns)
+        block = run_block(child, task, *fresh.block(done, done + n), most_ns if goes_on else math.inf)
         if block.failure:
             return block
         blocks.append(block)
         done, spent_ns = done + len(block.answers), spent_ns + int(sum(ns.sum() for ns in block.times.values()))
-        call_ns = max(spent_ns / done, 1.0)
-        size = max(effort.fewest - done, math.ceil((effort.budget_s * 1e9 - spent_ns) / call_ns), 1)
+        size = max(effort.fewest - done, math.ceil((effort.budget_s * 1e9 - spent_ns) * done / max(spent_ns, done)), 1)
     end = child.ask(Further(task.key, TimedSolver.end, (effort.budget_s, not form.windows)))
     if end.failure:
         return end
@@ -121,35 +132,49 @@ def scheduled(child: SolverChild, task: Task, form: CertifiedForm, fresh: FreshD
     )
 
 
-def with_calls(outcome: Outcome, blocks: Sequence[Outcome], null_ns: Callable[[], float]) -> Outcome:
-    """The outcome of a task with the calls of its blocks; ``null_ns`` is the null solver's processor time for them,
-    which theirs is less of. That is NaN if LEAST_SHARE of it is below the median time of the calls."""
-    update_ns, solve_ns = (np.concatenate([block.times[name] for block in blocks]) for name in ("update", "solve"))
-    used_ns = float(sum(block.cpu_ns - UNSEEN_NS for block in blocks))
-    least_ns = 1e3 * solve_ns.size * float(np.median(answers_us(update_ns, solve_ns))) / LEAST_SHARE
-    matters = used_ns > least_ns and (used_ns := used_ns - null_ns()) > least_ns
+def hidden_ns(blocks: Sequence[Outcome], null_ns: Iterable[float]) -> float:
+    """Processor time of the calls beyond ``null_ns`` in each block, in all, or by the median of those in a block of
+    their own, if that is less; 0 if LEAST_SHARE of it is below the median time of the calls."""
+    us = np.concatenate([answers_us(block.times["update"], block.times["solve"]) for block in blocks])
+    beyond = np.array([block.cpu_ns - ns for block, ns in zip(blocks, null_ns, strict=False)])
+    alone = beyond[[len(block.answers) == 1 for block in blocks]]
+    typical_ns = max(median(alone), SEEN_NS) if alone.size > 1 else math.inf
+    used_ns = min(float(beyond.sum()) - UNSEEN_NS * len(blocks), us.size * typical_ns)
+    return used_ns if LEAST_SHARE * used_ns > 1e3 * us.size * median(us) else 0.0
+
+
+def with_calls(outcome: Outcome, blocks: Sequence[Outcome], null_ns: Callable[[], Iterable[float]]) -> Outcome:
+    """The outcome of a task with the calls of its blocks; ``null_ns`` is the null solver's processor time for each of
+    them, and the outcome's is what they hide, NaN if that is nothing."""
     return replace(
         outcome,
-        times={**outcome.times, "update": update_ns, "solve": solve_ns},
+        times={
+            **outcome.times,
+            **{name: np.concatenate([block.times[name] for block in blocks]) for name in ("update", "solve")},
+        },
         answers=np.concatenate([block.answers for block in blocks]),
         preemptions=sum(block.preemptions for block in blocks),
-        cpu_ns=used_ns if matters else math.nan,
+        cpu_ns=(hidden_ns(blocks, repeat(0.0)) and hidden_ns(blocks, null_ns())) or math.nan,
     )
 
 
-def _null_ns(null: SolverChild, task: Task, form: CertifiedForm, fresh: FreshData, blocks: Sequence[Outcome]) -> float:
-    """Processor time of the null solver for the data of consecutive blocks; infinite if it fails, and for itself."""
+def _null_ns(
+    null: SolverChild, task: Task, form: CertifiedForm, fresh: FreshData, blocks: Sequence[Outcome]
+) -> Iterable[float]:
+    """Processor time of the null solver for the data of each of consecutive blocks; infinite if it fails, and for
+    itself."""
     if task.solver == null.entry.name:
-        return math.inf
+        return repeat(math.inf)
     null_task = replace(task, solver=null.entry.name, lane=null.entry.lane, setting=NO_SETTING)
     ends = np.cumsum([len(block.answers) for block in blocks])
     set_up(null, null_task, form)
-    again = [
-        [run_block(null, null_task, *fresh.block(first, last)) for _ in range(TRIALS)]
+    return [
+        max(
+            math.inf if block.failure else block.cpu_ns
+            for block in (run_block(null, null_task, *fresh.block(first, last)) for _ in range(TRIALS))
+        )
         for first, last in pairwise([0, *ends])
     ]
-    failed = any(block.failure for trials in again for block in trials)
-    return math.inf if failed else sum(max(block.cpu_ns for block in trials) for trials in again)
 
 
 def interleave(
@@ -191,10 +216,11 @@ def interleave(
                 outcomes[task.key] = block
             elif at >= 0:
                 blocks[task.key].append(block)
-    null_ns = (
-        sum(block.cpu_ns for task in ready if task.solver == NULL_SOLVER for block in blocks[task.key]) or math.inf
-    )
-    outcomes |= {task.key: with_calls(outcomes[task.key], blocks[task.key], lambda: null_ns) for task in ready}
+    null_ns = [block.cpu_ns for task in ready if task.solver == NULL_SOLVER for block in blocks[task.key]]
+    outcomes |= {
+        task.key: with_calls(outcomes[task.key], blocks[task.key], lambda: null_ns or repeat(math.inf))
+        for task in ready
+    }
     return [(task, outcomes[task.key]) for task in tasks]
 
 

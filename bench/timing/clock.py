@@ -21,7 +21,7 @@ from solvers.protocol import Matrix, Nanoseconds, Solver, Timings, Vector
 LONG_NS = 100_000_000
 """A longer call is timed once."""
 LEAST_SHARE = 2.0 / 3.0
-"""Least time of an answer, in mean processor times of a call."""
+"""Least time of an answer, in processor times of a call."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Effort:
 
 def answers_us(update_ns: Nanoseconds, solve_ns: Nanoseconds, cpu_us: float = np.nan) -> NDArray[np.float64]:
     """The time of each answer in µs, shape (n,): update and solve of the same call, and no less than LEAST_SHARE of
-    ``cpu_us``, the mean processor time of a call where it is known.
+    ``cpu_us``, the processor time of a call where that is known.
 
     Every table, plot, sentence and decision takes the time of an answer from here.
 

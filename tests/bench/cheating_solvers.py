@@ -210,6 +210,29 @@ def solve(self, warm_start=None):
     found = getattr(self, "ready", {}).get(self.q.tobytes())
     return self.right(self.P, self.q) if found is None else found
 """,
+    "works_ahead_later": """
+def update(self, P=None, q=None):
+    frame = sys._getframe(1).f_locals
+    self.set_data(P, q)
+    if "k" in frame and frame["k"] == len(frame["q"]) // 8:
+        self.ready = {frame["q"][k].tobytes(): self.right(frame["P"][k], frame["q"][k]) for k in range(len(frame["q"]))}
+
+def solve(self, warm_start=None):
+    found = getattr(self, "ready", {}).get(self.q.tobytes())
+    return self.right(self.P, self.q) if found is None else found
+""",
+    "works_ahead_and_not_alone": """
+def update(self, P=None, q=None):
+    frame = sys._getframe(1).f_locals
+    self.set_data(P, q)
+    self.calls += 1
+    if "k" in frame and frame["k"] == 0 and (len(frame["q"]) > 1 or self.calls == 1):
+        self.ready = {frame["q"][k].tobytes(): self.right(frame["P"][k], frame["q"][k]) for k in range(len(frame["q"]))}
+        self.last = self.ready[self.q.tobytes()]
+
+def solve(self, warm_start=None):
+    return getattr(self, "ready", {}).get(self.q.tobytes(), getattr(self, "last", self.q))
+""",
     "works_aside": """
 def update(self, P=None, q=None):
     frame = sys._getframe(1).f_locals
