@@ -26,6 +26,7 @@ class Mine(Solver):
             self.faulty_setup()
 
     def update(self, P=None, q=None):
+        P = self.problem.P if P is None else P
         self.answer = solve_problem(Problem(P, q, lb=self.problem.lb, ub=self.problem.ub), solver="daqp").x
         if self.scaled:
             self.faulty_update(P)
