@@ -14,7 +14,7 @@ same names share the entry, and their own tables contain the differences.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -219,3 +219,41 @@ XPRESS = Backend(
     INTERIOR_POINT,
     fixed_settings={"threads": 1},
 )
+QPSOLVERS: Mapping[str, Backend] = {
+    "clarabel": CLARABEL,
+    "copt": COPT,
+    "cvxopt": CVXOPT,
+    "daqp": DAQP,
+    "ecos": ECOS,
+    "gurobi": GUROBI,
+    "highs": HIGHS,
+    # osqp warns unless raise_error is set.
+    "osqp": replace(OSQP, fixed_settings={**OSQP.fixed_settings, "raise_error": False}),
+    "piqp": PIQP,
+    "proxqp": PROXQP,
+    "pyqpmad": PYQPMAD,  # qpsolvers loses its duals of variables fixed by lb = ub
+    "qpalm": QPALM,  # qpsolvers drops the starting point
+    "qpax": QPAX,
+    "qtqp": QTQP,
+    "quadprog": QUADPROG,
+    "scs": SCS,
+}
+"""The libraries of the lane qpsolvers by their names there."""
+CVXPY: Mapping[str, Backend] = {
+    "clarabel": CLARABEL,
+    "copt": COPT,
+    "cvxopt": CVXOPT,
+    "daqp": DAQP,
+    "ecos": ECOS,
+    "gurobi": GUROBI,
+    "highs": HIGHS,
+    "osqp": OSQP,
+    "piqp": PIQP,
+    # cvxpy does not pass its tolerance on the duality gap.
+    "proxqp": replace(PROXQP, tolerances=EPS, rung_settings={"max_iter": PROXQP.rung_settings["max_iter"]}),
+    "qoco": QOCO,
+    "qpalm": QPALM,
+    "scs": SCS,
+    "xpress": XPRESS,
+}
+"""The libraries of the lane cvxpy by their names there."""

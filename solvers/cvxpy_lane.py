@@ -20,40 +20,19 @@ takes no starting point: its ``warm_start`` reuses the solver's object and last 
 """
 
 import logging
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import scipy.linalg
 
-from solvers import backend as known
 from solvers.adapter import LibrarySolver, Program, Report, Stack
-from solvers.backend import Backend
+from solvers.backend import CVXPY as BACKENDS
 from solvers.protocol import Lane, Matrix, Solver, Unsupported, Vector
 
 # The registry reports libraries that do not load; CVXPY would do so on standard error in every process.
 logging.getLogger("__cvxpy__").addFilter(lambda record: "importing solver" not in record.getMessage())
 import cvxpy as cp  # noqa: E402
 
-BACKENDS: dict[str, Backend] = {
-    "clarabel": known.CLARABEL,
-    "copt": known.COPT,
-    "cvxopt": known.CVXOPT,
-    "daqp": known.DAQP,
-    "ecos": known.ECOS,
-    "gurobi": known.GUROBI,
-    "highs": known.HIGHS,
-    "osqp": known.OSQP,
-    "piqp": known.PIQP,
-    # cvxpy does not pass its tolerance on the duality gap.
-    "proxqp": replace(
-        known.PROXQP, tolerances=known.EPS, rung_settings={"max_iter": known.PROXQP.rung_settings["max_iter"]}
-    ),
-    "qoco": known.QOCO,
-    "qpalm": known.QPALM,
-    "scs": known.SCS,
-    "xpress": known.XPRESS,
-}
 INSTALLED = tuple(name for name in BACKENDS if name.upper() in cp.installed_solvers())
 
 

@@ -11,7 +11,6 @@ on infinite bounds.
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,35 +18,14 @@ import qpsolvers
 from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix
 
-from solvers import backend as known
 from solvers.adapter import LibrarySolver, Program, Report, Stack
-from solvers.backend import Backend
+from solvers.backend import QPSOLVERS as BACKENDS
 from solvers.protocol import Lane, Matrix, Solver, Unsupported, Vector
 
-BACKENDS: dict[str, Backend] = {
-    "clarabel": known.CLARABEL,
-    "copt": known.COPT,
-    "cvxopt": known.CVXOPT,
-    "daqp": known.DAQP,
-    "ecos": known.ECOS,
-    "gurobi": known.GUROBI,
-    "highs": known.HIGHS,
-    # osqp warns unless raise_error is set.
-    "osqp": replace(known.OSQP, fixed_settings={**known.OSQP.fixed_settings, "raise_error": False}),
-    "piqp": known.PIQP,
-    "proxqp": known.PROXQP,
-    "pyqpmad": known.PYQPMAD,  # qpsolvers loses its duals of variables fixed by lb = ub
-    "qpalm": known.QPALM,  # qpsolvers drops the starting point
-    "qpax": known.QPAX,
-    "qtqp": known.QTQP,
-    "quadprog": known.QUADPROG,
-    "scs": known.SCS,
-}
 WARM_STARTABLE = frozenset({"daqp", "osqp", "proxqp", "scs"})
-HANDED_TO_SCIPY = frozenset({"clarabel", "qtqp", "scs"})
-"""For these, qpsolvers passes problems without constraints to SciPy instead."""
-FAILS_WITHOUT_ROWS = frozenset({"highs"})
-"""Solvers that get the row 0ᵀx ≤ ∞ for a problem without rows (see :mod:`solvers.direct.highspy`)."""
+NEEDS_A_ROW = frozenset({"clarabel", "highs", "qtqp", "scs"})
+"""Solvers that get the row 0ᵀx ≤ 1 for a problem without rows: qpsolvers passes one without constraints to SciPy in
+their place, and HiGHS ends in "Solve error" (see :mod:`solvers.direct.highspy`)."""
 BREAKS_ON_INFINITY = frozenset({"cvxopt", "ecos"})
 SPARSE_ONLY = frozenset(qpsolvers.sparse_solvers) - frozenset(qpsolvers.dense_solvers)
 INSTALLED = tuple(name for name in BACKENDS if name in qpsolvers.available_solvers)
@@ -71,11 +49,9 @@ class QpsolversSolver(LibrarySolver):
         if self.name in BREAKS_ON_INFINITY and not all(np.isfinite(side).all() for side in sides if side is not None):
             raise Unsupported(f"{self.name} behind qpsolvers takes the bounds of a side all finite or all infinite")
         G, A = ((self._form(R), r) if r.size else (None, None) for R, r in ((p.G, p.h), (p.A, p.b)))
-        if self.name in FAILS_WITHOUT_ROWS and p.u.size == p.d:
-            G = csc_matrix((1, p.d)), np.array([np.inf])
+        if self.name in NEEDS_A_ROW and p.u.size == p.d:
+            G = csc_matrix((1, p.d)), np.ones(1)
         self._problem = Problem(self._form(p.P), p.q, *G, *A, *sides)
-        if self._problem.is_unconstrained and self.name in HANDED_TO_SCIPY:
-            raise Unsupported(f"qpsolvers solves a problem without constraints by SciPy in place of {self.name}")
 
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:  # noqa: D102
         if P is not None and self._is_sparse:

@@ -22,7 +22,7 @@ from scipy.sparse import csc_matrix, csr_matrix
 import solvers
 from solvers import Lane, Solver, Unsupported, cvxpy_lane, qpsolvers_lane
 from solvers.cvxpy_lane import CvxpySolver, square_root
-from solvers.registry import Entry
+from solvers.registry import FAMILIES, Entry
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,6 @@ BEHIND = {
     "cvxopt": Stated(5e-3),
 }
 LANES = {Lane.QPSOLVERS: qpsolvers_lane, Lane.CVXPY: cvxpy_lane}
-"""Without free: qpsolvers hands a problem without constraints to SciPy."""
 SPREAD = (
     "clarabel",
     "daqp",
@@ -110,7 +109,7 @@ def stated(lane: Lane, name: str) -> Stated:
 
 ALL: list[Case] = [
     *((Lane.DIRECT, name) for name in DIRECT),
-    *((lane, name) for lane, module in LANES.items() for name in module.BACKENDS),
+    *((lane, name) for lane, names in FAMILIES.items() for name in names),
 ]
 QUICK = [case for case in ALL if case[1] != "qpax"]
 """qpsolvers has JAX trace qpax anew at every call, which takes about a second."""
@@ -118,7 +117,7 @@ TAKEN = [
     (*case, form)
     for case in ALL
     for form in stated(*case).forms
-    if (case[0] is Lane.DIRECT or (form != "free" and (case in QUICK or form == "rows")))
+    if (case[0] is Lane.DIRECT or case in QUICK or form == "rows")
 ]
 
 
@@ -412,11 +411,10 @@ def test_a_library_that_does_not_load_is_absent_in_silence(tmp_path: Path) -> No
     assert (done.stdout, done.stderr) == ("False\n", "")
 
 
-def test_qpsolvers_refuses_what_it_would_hand_to_scipy() -> None:
-    for name in qpsolvers_lane.HANDED_TO_SCIPY & set(qpsolvers_lane.INSTALLED):
-        for problem in (Problem(np.eye(2), np.ones(2)), Problem(np.eye(2), np.ones(2), lb=np.full(2, -np.inf))):
-            with pytest.raises(Unsupported, match=name):
-                ready(Lane.QPSOLVERS, name, problem)
+def test_an_unknown_solver_is_refused_without_an_import_of_cvxpy() -> None:
+    program = "import sys, solvers\ntry:\n    solvers.find('nope')\nexcept KeyError:\n    print('cvxpy' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"
 
 
 def test_cvxpy_compiles_the_problem_once_since_it_is_dpp_and_reports_the_time_of_the_library() -> None:
