@@ -17,12 +17,12 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix
 
 from solvers.arrays import Mask, shaped
-from solvers.checks import finite, require, start_point
+from solvers.checks import finite, require
 from solvers.core import CROSSED, bindings
 from solvers.protocol import Matrix, Vector, box, dense
 
@@ -44,7 +44,7 @@ class Program:
     R, l, u : ndarray
         The stacked rows, shapes (d + p + m, d) in C order and (d + p + m,): d bounds, p equalities, m inequalities.
     lb, ub, A, b, G, h : ndarray
-        Views of the parts of the stack: bounds (d,), equalities, inequalities.
+        The parts of the stack: bounds (d,), equalities, inequalities.
     bounds, equalities, inequalities, general : slice
         Positions of each kind in the stack, and those of equalities and inequalities together.
 
@@ -64,16 +64,19 @@ class Program:
         A, b = dense_rows(problem, "A", "b")
         G, h = dense_rows(problem, "G", "h", np.inf)
         self._finite: Mask = h < np.inf  # the other rows of G are no constraints
-        G, h = G[self._finite], h[self._finite]
-        self.R: Matrix = np.vstack([np.eye(d), A, G])
+        self.A, self.G, h = A, G[self._finite], h[self._finite]
         self.l: Vector = np.concatenate([lb, b, np.full(h.size, -np.inf)])
         self.u: Vector = np.concatenate([ub, b, h])
         ends = [d, d + b.size]
         self.bounds, self.equalities, self.inequalities = slice(0, d), slice(*ends), slice(ends[1], None)
         self.general = slice(d, None)
         self.lb, self.ub, self.b, self.h = self.l[:d], *np.split(self.u, ends)
-        _, self.A, self.G = np.split(self.R, ends)
         self._problem = problem
+
+    @cached_property
+    def R(self) -> Matrix:
+        """The rows of all constraints."""
+        return np.vstack([np.eye(self.d), self.A, self.G])
 
     @cached_property
     def triangle(self) -> "Triangle":
@@ -92,17 +95,37 @@ class Program:
         try:
             status = bindings.copy_data(self.P, self.q, P, q) if copy else bindings.check_data(self.q, P, q)
         except (TypeError, ValueError, BufferError):  # arrays of other types and layouts are converted
-            P = None if P is None else shaped("P", P, self.P.shape)
-            q = None if q is None else shaped("q", q, self.q.shape)
-            return self.set_data(P, q, copy)
+            return self.set_data(*self.shaped(P, q), copy)
         if status:
             require(status, P=P, q=q)
         if not copy:
             self.P, self.q = self.P if P is None else P, self.q if q is None else q
 
-    def start(self, warm_start: Vector | None) -> Vector | None:
-        """A starting point (d,), checked, or None."""
-        return None if warm_start is None else start_point(warm_start, self.q.shape)
+    def shaped(self, P: ArrayLike | None, q: ArrayLike | None) -> tuple[Matrix | None, Vector | None]:
+        """P (d, d) and q (d,) as contiguous doubles, None for data that stay; ValueError for another shape or type."""
+        given = (("P", P, self.P), ("q", q, self.q))
+        P, q = (None if new is None else shaped(name, new, old.shape) for name, new, old in given)
+        return P, q
+
+    def several(
+        self, P: ArrayLike | None, q: ArrayLike, start: ArrayLike | None
+    ) -> tuple[Matrix | None, Matrix, Vector | None]:
+        """P (n, d, d) or None, q (n, d) and a start (d,) as contiguous doubles, checked."""
+        count, d = len(np.atleast_1d(q)), self.d
+        P, q = None if P is None else shaped("P", P, (count, d, d)), shaped("q", q, (count, d))
+        require(bindings.check_all(P, q), P=P, q=q)
+        return P, q, self.start(start)
+
+    def start(self, warm_start: Any) -> Vector | None:
+        """A starting point (d,) as contiguous doubles, or None; ValueError for another shape or type, and for a number
+        that is not finite."""
+        try:
+            is_good = warm_start is None or (
+                type(warm_start) is np.ndarray and warm_start.shape == self.q.shape and bindings.all_finite(warm_start)
+            )
+        except (TypeError, ValueError, BufferError):  # an array of another type or layout
+            is_good = False
+        return warm_start if is_good else finite("warm_start", warm_start, self.q.shape)
 
     def solution(
         self, extras: dict[str, Any], x: Vector | None = None, w: Vector | None = None, found: bool = False
