@@ -16,8 +16,9 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from qpsolvers import Problem, Solution
+from scipy.sparse import csc_matrix
 
-from solvers.backend import Backend
+from solvers.backend import DIRECT, Backend
 from solvers.core import CAPPED, OK, REASONS, UNSOLVED
 from solvers.protocol import (
     AT_WORK,
@@ -48,6 +49,7 @@ __all__ = [
     "Triangle",
     "Unsupported",
     "Vector",
+    "csc_matrix",
 ]
 
 
@@ -177,17 +179,18 @@ class LibrarySolver(Adapter):
 
     lane = Lane.DIRECT
     library: ClassVar[Backend]
+    """By default, the entry of the file's name in :data:`solvers.backend.DIRECT`."""
     reads_given_arrays: ClassVar[bool] = False
     """Whether ``pass_data`` is all that the library needs of new data; then it gets the caller's arrays without a copy,
     and only ``solution`` refers to them later."""
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        if "library" in vars(cls):
-            b = cls.library
+        name = vars(cls).get("name", cls.__module__.rpartition(".")[2])
+        if b := vars(cls).get("library", DIRECT.get(name)):
+            cls.name, cls.library = name, b
             cls.algorithm, cls.licence, cls.distribution = b.algorithm, b.licence, b.distribution
             cls.fixed_settings, cls.exponents = b.fixed_settings, b.exponents
-            cls.name = vars(cls).get("name", cls.__module__.rpartition(".")[2])
 
     @classmethod
     def ladder(cls, c: float) -> tuple[Mapping[str, Any], ...]:

@@ -165,15 +165,14 @@ class Intervals:
     """The rows with a finite side, as intervals l ≤ R x ≤ u, R (k, d)."""
 
     def __init__(self, program: Program) -> None:
-        self._kept: Mask = np.isfinite(program.l) | np.isfinite(program.u)
+        self.size = program.u.size
+        self._kept = np.flatnonzero(np.isfinite(program.l) | np.isfinite(program.u))
         self.R: Matrix = program.R[self._kept]
         self.l, self.u = program.l[self._kept], program.u[self._kept]
 
     def scatter(self, w: Vector) -> Vector:
         """The multipliers of the stack from those of these rows, shape (k,)."""
-        whole = np.zeros(self._kept.size)
-        whole[self._kept] = w
-        return whole
+        return np.bincount(self._kept, w, self.size)
 
 
 class Cones:
@@ -184,23 +183,19 @@ class Cones:
 
     def __init__(self, program: Program) -> None:
         # With a fixed variable as two inequalities, the feasible set would have no interior.
-        self._equal = equal = program.l == program.u
-        self._upper = upper = np.isfinite(program.u) & ~equal
-        self._lower = lower = np.isfinite(program.l) & ~equal
-        self.R: Matrix = np.vstack([program.R[equal], program.R[upper], -program.R[lower]])
-        self.r: Vector = np.concatenate([program.u[equal], program.u[upper], -program.l[lower]])
+        self.size, equal = program.u.size, program.l == program.u
+        kinds = equal, np.isfinite(program.u) & ~equal, np.isfinite(program.l) & ~equal
+        self._kept = np.concatenate([np.flatnonzero(kind) for kind in kinds])
+        self._signs = np.repeat([1.0, 1.0, -1.0], [kind.sum() for kind in kinds])
+        sides = np.where(self._signs > 0.0, program.u[self._kept], program.l[self._kept])
+        self.R: Matrix = self._signs[:, None] * program.R[self._kept]
+        self.r: Vector = self._signs * sides
         self.equal = int(equal.sum())
         self.unequal = self.r.size - self.equal
 
     def scatter(self, w: Vector) -> Vector:
         """The multipliers of the stack from those of these rows, shape (k,), with w ≥ 0 for inequalities."""
-        whole = np.zeros(self._equal.size)
-        ends = np.cumsum([self.equal, self._upper.sum()])
-        equal, upper, lower = np.split(w, ends)
-        whole[self._equal] = equal
-        whole[self._upper] = upper
-        whole[self._lower] -= lower
-        return whole
+        return np.bincount(self._kept, self._signs * w, self.size)
 
 
 class Triangle:
@@ -235,10 +230,6 @@ class Triangle:
     def values(self, P: Matrix) -> Vector:
         """The stored values of a symmetric matrix P (d, d), column by column, as a new array."""
         return P.take(self._flat)
-
-    def fill(self, matrix: csc_matrix, P: Matrix) -> None:
-        """Write the values of P into a matrix made by :meth:`matrix`."""
-        P.take(self._flat, out=matrix.data)
 
     def matrix(self, P: Matrix) -> csc_matrix:
         """This triangle of P as a sparse matrix with arrays of its own, since osqp overwrites its input."""

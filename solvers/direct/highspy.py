@@ -16,16 +16,13 @@ library's own limit applies to the total time of all solves of its object.
 
 import highspy
 import numpy as np
-from scipy.sparse import csc_matrix
 
-from solvers.adapter import LibrarySolver, Matrix, Program, Report, Stack, Triangle, Vector
-from solvers.backend import HIGHS
+from solvers.adapter import LibrarySolver, Matrix, Program, Report, Stack, Triangle, Vector, csc_matrix
 
 
 class Highspy(LibrarySolver):
     """The library's ``Highs``."""
 
-    library = HIGHS
     reads_given_arrays = True
 
     def build(self, p: Program, rows: Stack) -> None:
