@@ -10,7 +10,7 @@ methods:
 """
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
 from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple
 
@@ -49,6 +49,7 @@ __all__ = [
     "Triangle",
     "Unsupported",
     "Vector",
+    "behind",
     "csc_matrix",
 ]
 
@@ -252,3 +253,15 @@ class LibrarySolver(Adapter):
         """Raise :class:`Unsupported` if the library refuses the data, which it does by a negative flag."""
         if flag < 0:
             raise Unsupported(f"{self.name} refuses the data with exit flag {flag}: P is not positive semidefinite")
+
+
+def behind(base: type[LibrarySolver], libraries: Mapping[str, Backend], installed: Container[str]) -> Any:
+    """The function ``make`` of a lane: the class of one solver of its table, ImportError if it is not installed."""
+
+    def make(name: str) -> type[Solver]:
+        if name not in installed:
+            raise ImportError(f"{name!r} is not installed, or {base.lane.value} does not find it")
+        described = {"__doc__": f"{name} behind {base.lane.value}.", "name": name, "library": libraries[name]}
+        return type(f"{base.lane.value.capitalize()}_{name}", (base,), described)
+
+    return make

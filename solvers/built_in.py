@@ -73,7 +73,7 @@ class BuiltInSolver(Adapter):
         }
 
     @abstractmethod
-    def run_from(self, start: Vector) -> int:
+    def run_from(self, start: Vector | None) -> int:
         """Solve from ``start`` (d,), finite; a status."""
 
     @abstractmethod

@@ -18,9 +18,9 @@ import qpsolvers
 from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix
 
-from solvers.adapter import LibrarySolver, Program, Report, Stack
+from solvers.adapter import LibrarySolver, Matrix, Program, Report, Stack, Unsupported, Vector, behind
 from solvers.backend import QPSOLVERS as BACKENDS
-from solvers.protocol import Lane, Matrix, Solver, Unsupported, Vector
+from solvers.protocol import Lane
 
 WARM_STARTABLE = frozenset({"daqp", "osqp", "proxqp", "scs"})
 NEEDS_A_ROW = frozenset({"clarabel", "highs", "qtqp", "scs"})
@@ -32,9 +32,13 @@ INSTALLED = tuple(name for name in BACKENDS if name in qpsolvers.available_solve
 
 
 class QpsolversSolver(LibrarySolver):
-    """One solver behind qpsolvers, a subclass made by :func:`make`."""
+    """One solver behind qpsolvers, a subclass made by ``make``."""
 
     lane = Lane.QPSOLVERS
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        cls.warm_startable = cls.name in WARM_STARTABLE
 
     def _form(self, matrix: Matrix) -> Any:
         return csc_matrix(matrix) if self._is_sparse else matrix
@@ -85,28 +89,4 @@ def _first_of(extras: Mapping[str, Any], *names: str) -> Any:
     return next((value for name in names for value in (extras.get(name), inside.get(name)) if value is not None), None)
 
 
-def make(name: str) -> type[Solver]:
-    """The class of one solver behind qpsolvers.
-
-    Raises
-    ------
-    ImportError
-        The solver is not installed, or not in the table.
-
-    Examples
-    --------
-    >>> make("piqp").algorithm
-    'proximal interior point'
-    """
-    if name not in INSTALLED:
-        raise ImportError(f"{name!r} is not installed, or qpsolvers does not find it")
-    return type(
-        f"Qpsolvers_{name}",
-        (QpsolversSolver,),
-        {
-            "__doc__": f"{name} behind qpsolvers.",
-            "name": name,
-            "library": BACKENDS[name],
-            "warm_startable": name in WARM_STARTABLE,
-        },
-    )
+make = behind(QpsolversSolver, BACKENDS, INSTALLED)

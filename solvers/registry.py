@@ -229,14 +229,9 @@ def add_file(path: str | Path) -> Entry:
 def find(name: str, lane: Lane | str | None = None) -> Entry:
     """The entry of that name in the given lane, by default in the fastest preferred one (the order of
     :class:`Lane`)."""
-    fallback = None
-    for entry in entries():
-        if entry.name == name and lane in (None, entry.lane):
-            if lane is not None or not entry.is_fallback:
-                return entry
-            fallback = entry
-    if fallback is not None:
-        return fallback
+    found = [entry for entry in entries() if entry.name == name and lane in (None, entry.lane)]
+    if found:
+        return min(found, key=lambda entry: entry.is_fallback)
     place = "" if lane is None else f" in the lane {Lane(lane).value!r}"
     raise KeyError(f"there is no solver {name!r}{place}; known are {', '.join(sorted({e.name for e in entries()}))}")
 

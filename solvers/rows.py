@@ -172,7 +172,7 @@ class Intervals:
 
     def scatter(self, w: Vector) -> Vector:
         """The multipliers of the stack from those of these rows, shape (k,)."""
-        return np.bincount(self._kept, w, self.size)
+        return np.bincount(self._kept, w, self.size).astype(np.float64, copy=False)
 
 
 class Cones:
@@ -195,7 +195,7 @@ class Cones:
 
     def scatter(self, w: Vector) -> Vector:
         """The multipliers of the stack from those of these rows, shape (k,), with w ≥ 0 for inequalities."""
-        return np.bincount(self._kept, self._signs * w, self.size)
+        return np.bincount(self._kept, self._signs * w, self.size).astype(np.float64, copy=False)
 
 
 class Triangle:

@@ -49,12 +49,14 @@ class BoxMinimiser(LibrarySolver):
 class LeastSquares(BoxMinimiser):
     """A solver of minimise ‖Lᵀx − right‖ with bounds."""
 
+    L: Matrix
+
     def build(self, p: Program, rows: Any) -> None:
         self.pass_data(p.P, p.q)
 
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
         try:
-            self.L = self.L if P is None else np.linalg.cholesky(P)
+            self.L = self.L if P is None else np.linalg.cholesky(P).astype(np.float64, copy=False)
         except np.linalg.LinAlgError:
             message = f"{self.name} needs a positive definite P, and P has no Cholesky factor"
             raise Unsupported(message) from None

@@ -34,14 +34,10 @@ class Highspy(LibrarySolver):
         for option, value in options.items():
             self._check(self._highs.setOptionValue(option, value), f"take the option {option} = {value!r}")
         R, below, above = general_rows(p)
-        lp = highspy.HighsLp()
-        lp.num_col_, lp.num_row_ = p.d, R.shape[0]
-        lp.col_cost_, lp.col_lower_, lp.col_upper_ = p.q, p.lb, p.ub
-        lp.row_lower_, lp.row_upper_ = below, above
-        lp.a_matrix_.format_ = highspy.MatrixFormat.kColwise
-        lp.a_matrix_.num_row_, lp.a_matrix_.num_col_ = R.shape
-        lp.a_matrix_.start_, lp.a_matrix_.index_, lp.a_matrix_.value_ = R.indptr, R.indices, R.data
-        self._check(self._highs.passModel(lp), "take the problem")
+        columns, rowwise = (p.q, p.lb, p.ub), (below, above, R.indptr, R.indices, R.data)
+        sizes = p.d, R.shape[0], R.nnz, highspy.MatrixFormat.kColwise.value, highspy.ObjSense.kMinimize.value, 0.0
+        status = self._highs.passModel(*sizes, *columns, *rowwise, np.zeros(p.d, dtype=np.int32))
+        self._check(status, "take the problem")
         self.pass_data(p.P, None)
 
     def _check(self, status: highspy.HighsStatus, action: str) -> None:

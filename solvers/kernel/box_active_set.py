@@ -85,7 +85,7 @@ class BoxActiveSet(BuiltInSolver):
         self.x.flags.writeable = False
         self.field("cap").view(np.int32)[0] = self.options["most_exchanges"]
 
-    def run_from(self, start: Vector) -> int:
+    def run_from(self, start: Vector | None) -> int:
         return bindings.box_start(self.state, start) or bindings.box_solve(self.state, True)
 
     def loop(self) -> Callable[..., int]:
