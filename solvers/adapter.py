@@ -34,7 +34,6 @@ from solvers.protocol import (
     only_box,
 )
 from solvers.rows import Cones, Intervals, Program, Stack, Triangle
-from solvers.timed_calls import time_calls
 
 # The names that the files of adapters import.
 __all__ = [
@@ -52,6 +51,9 @@ __all__ = [
     "behind",
     "csc_matrix",
 ]
+
+
+LONGEST_NS = 2**62
 
 
 class Report(NamedTuple):
@@ -128,7 +130,8 @@ class Adapter(Solver):
             raise
 
     def loop(self) -> Callable[..., int]:
-        """The compiled loop that times ``update`` and ``solve``."""
+        """The function of the core that times ``update`` and ``solve``; its last arguments are those of ``TIMED`` in
+        ``bindings_timed.h``."""
         raise Unsupported(f"{self.name} has no compiled loop to time")
 
     @abstractmethod
@@ -146,11 +149,17 @@ class Adapter(Solver):
         """Take each P, unless it stays, and q and solve, timed; by default as ``solve()`` does, or from
         ``warm_start``."""
 
-        def run(program: Program) -> tuple[Matrix | None, Matrix, int, Timings]:
-            data = program.several(P, q, warm_start)
-            return *data[:2], *time_calls(self.loop(), *data, most_ns)
+        def run(program: Program) -> tuple[int, Matrix | None, Matrix, Timings]:
+            flat, qs, start = program.several(P, q, warm_start)
+            n, d = qs.shape
+            updates, solves, answers = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64), np.full((n, d), np.nan)
+            made, longest = np.zeros(1, dtype=np.int64), int(min(most_ns, LONGEST_NS))
+            data = qs, None if flat is None else flat.reshape(n, d * d)
+            status = self.loop()(*data, start, longest, updates, solves, answers, made)
+            m = int(made[0])
+            return status, flat, qs, (updates[:m], solves[:m], answers[:m])
 
-        P, q, status, timings = self._begin(run, given=frozenset({"q"}) if P is None else DATA)
+        status, P, q, timings = self._begin(run, given=frozenset({"q"}) if P is None else DATA)
         last = timings[0].size - 1
         self.remember(None if P is None else P[last], q[last], timings[2][last])
         self._verdict = UNSOLVED

@@ -27,7 +27,9 @@ from solvers.arrays import Nanoseconds as Nanoseconds
 from solvers.arrays import Vector as Vector
 from solvers.checks import finite
 from solvers.core import UNSOLVED
-from solvers.timed_calls import Timings as Timings
+
+Timings = tuple[Nanoseconds, Nanoseconds, Matrix]
+"""Nanoseconds of updates and of solves, (n,) each, and answers (n, d), NaN if a library found none."""
 
 
 class Lane(StrEnum):

@@ -151,51 +151,47 @@ class Program:
 
 
 class Stack:
-    """The whole stack of rows."""
+    """The whole stack of rows, or a selection of them."""
+
+    _kept: Any = slice(None)
+    _signs: Any = 1.0
 
     def __init__(self, program: Program) -> None:
         self.size = program.u.size
 
     def scatter(self, w: Vector) -> Vector:
-        """The multipliers of the stack."""
-        return w
+        """The multipliers of the stack from those of these rows, shape (k,), with w ≥ 0 for inequalities s ≥ 0."""
+        whole = np.zeros(self.size)
+        np.add.at(whole, self._kept, self._signs * w)  # both sides of a row may be among them
+        return whole
 
 
-class Intervals:
+class Intervals(Stack):
     """The rows with a finite side, as intervals l ≤ R x ≤ u, R (k, d)."""
 
     def __init__(self, program: Program) -> None:
-        self.size = program.u.size
-        self._kept = np.flatnonzero(np.isfinite(program.l) | np.isfinite(program.u))
-        self.R: Matrix = program.R[self._kept]
-        self.l, self.u = program.l[self._kept], program.u[self._kept]
-
-    def scatter(self, w: Vector) -> Vector:
-        """The multipliers of the stack from those of these rows, shape (k,)."""
-        return np.bincount(self._kept, w, self.size).astype(np.float64, copy=False)
+        super().__init__(program)
+        self._kept = np.isfinite(program.l) | np.isfinite(program.u)
+        self.R, self.l, self.u = program.R[self._kept], program.l[self._kept], program.u[self._kept]
 
 
-class Cones:
+class Cones(Stack):
     """The rows as R x + s = r with finite r: s = 0 for equalities and fixed variables, s ≥ 0 for inequalities.
 
     R (k, d) and r (k,) have ``equal`` equalities, followed by ``unequal`` inequalities.
     """
 
     def __init__(self, program: Program) -> None:
+        super().__init__(program)
         # With a fixed variable as two inequalities, the feasible set would have no interior.
-        self.size, equal = program.u.size, program.l == program.u
+        equal = program.l == program.u
         kinds = equal, np.isfinite(program.u) & ~equal, np.isfinite(program.l) & ~equal
         self._kept = np.concatenate([np.flatnonzero(kind) for kind in kinds])
         self._signs = np.repeat([1.0, 1.0, -1.0], [kind.sum() for kind in kinds])
-        sides = np.where(self._signs > 0.0, program.u[self._kept], program.l[self._kept])
-        self.R: Matrix = self._signs[:, None] * program.R[self._kept]
-        self.r: Vector = self._signs * sides
+        self.R = self._signs[:, None] * program.R[self._kept]
+        self.r = self._signs * np.where(self._signs > 0.0, program.u[self._kept], program.l[self._kept])
         self.equal = int(equal.sum())
         self.unequal = self.r.size - self.equal
-
-    def scatter(self, w: Vector) -> Vector:
-        """The multipliers of the stack from those of these rows, shape (k,), with w ≥ 0 for inequalities."""
-        return np.bincount(self._kept, self._signs * w, self.size).astype(np.float64, copy=False)
 
 
 class Triangle:

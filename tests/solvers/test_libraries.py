@@ -22,7 +22,7 @@ from scipy.sparse import csc_matrix, csr_matrix
 import solvers
 from solvers import Lane, Solver, Unsupported, cvxpy_lane, qpsolvers_lane
 from solvers.cvxpy_lane import CvxpySolver, square_root
-from solvers.registry import FAMILIES, Entry
+from solvers.registry import FAMILIES
 
 
 @dataclass(frozen=True)
@@ -83,6 +83,7 @@ SPREAD = (
     "scs",
 )
 """Solvers that are also tested with variables of very different size."""
+COMPILED = ("daqp", "quadprog")
 WARM = ("daqp", "osqp", "proxsuite", "qpalm", "scipy_lbfgsb", "scs")
 ADAPTING = ("osqp", "scs")
 """Solvers that keep the penalty adapted by the last solve."""
@@ -127,6 +128,9 @@ def parts(cases: Iterable[tuple[Any, ...]]) -> list[Any]:
 
 
 each_library = pytest.mark.parametrize(("lane", "name"), parts(QUICK))
+each_solver = pytest.mark.parametrize(
+    ("lane", "name"), [*parts(QUICK), *((entry.lane, entry.name) for entry in solvers.entries() if entry.times_itself)]
+)
 each_direct = pytest.mark.parametrize("name", parts((name,) for name in DIRECT))
 each_common = pytest.mark.parametrize("name", SPREAD)
 
@@ -138,12 +142,7 @@ def sizes(lane: Lane, name: str, form: str) -> tuple[int, ...]:
 
 
 def make(lane: Lane, name: str, tolerance: float | None = 1e-6, **settings: Any) -> Solver:
-    if lane is Lane.DIRECT:
-        cls = solver_class(Entry(name, lane, f"solvers.direct.{name}"))
-    elif name in LANES[lane].INSTALLED:
-        cls = LANES[lane].make(name)
-    else:
-        pytest.skip(f"{name!r} is not installed, or {lane} does not find it")
+    cls = solver_class(solvers.find(name, lane))
     return cls(**{**asking(cls, tolerance), **settings})
 
 
@@ -155,7 +154,8 @@ def ready(lane: Lane, name: str, problem: Problem, tolerance: float | None = 1e-
 
 def richest(lane: Lane, name: str) -> str:
     """The form with rows, or the one that every solver takes."""
-    return "rows" if (lane, name, "rows") in TAKEN else "one-sided"
+    rows = (lane, name, "rows") in TAKEN or (lane is Lane.KERNEL and name in COMPILED)
+    return "rows" if rows else "one-sided"
 
 
 @pytest.mark.parametrize(("lane", "name", "form"), parts(TAKEN))
@@ -230,7 +230,7 @@ def test_exact_zeros_of_P_may_appear_and_vanish(name: str, sparse: bool) -> None
         np.testing.assert_allclose(solver.solve(), expected, atol=2.0 * DIRECT[name].mid, rtol=0)
 
 
-@each_library
+@each_solver
 def test_an_answer_is_that_of_the_last_data_whatever_was_solved_before_and_a_solution_outlives_the_next_solve(
     lane: Lane, name: str
 ) -> None:
@@ -254,7 +254,7 @@ def test_an_answer_is_that_of_the_last_data_whatever_was_solved_before_and_a_sol
 
 
 @pytest.mark.parametrize("layout", [strided_and_locked, np.asfortranarray])
-@each_library
+@each_solver
 def test_arrays_handed_in_are_read_in_any_layout_and_neither_written_nor_kept(
     lane: Lane, name: str, layout: Any
 ) -> None:
@@ -277,7 +277,7 @@ def test_arrays_handed_in_are_read_in_any_layout_and_neither_written_nor_kept(
     assert problem.error(solver.solve(), 1) <= error
 
 
-@each_library
+@each_solver
 def test_sparse_matrices_have_the_answer_of_dense_ones(lane: Lane, name: str) -> None:
     problem = pair(richest(lane, name), 7)
     for form in (csc_matrix, csr_matrix):
@@ -358,10 +358,10 @@ def test_a_start_keeps_the_answer_helps_if_the_class_declares_it_and_has_no_late
         assert counts[2] < counts[1]
 
 
-@each_common
-def test_a_setting_that_a_library_does_not_have_is_refused(name: str) -> None:
-    solver = make(Lane.DIRECT, name, no_such_setting=1)
-    with pytest.raises((AttributeError, TypeError, ValueError), match="no_such_setting"):
+@pytest.mark.parametrize(("lane", "name"), [*product([Lane.DIRECT], SPREAD), *product([Lane.KERNEL], COMPILED)])
+def test_a_setting_that_a_library_does_not_have_is_refused(lane: Lane, name: str) -> None:
+    solver = make(lane, name, no_such_setting=1)
+    with pytest.raises((AttributeError, TypeError, ValueError), match=f"{name * (lane is Lane.KERNEL)}.*no_such_setting"):
         solver.setup(pair("one-sided", 3).problems[0])
 
 
