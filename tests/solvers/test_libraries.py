@@ -360,8 +360,8 @@ def test_a_start_keeps_the_answer_helps_if_the_class_declares_it_and_has_no_late
 
 @pytest.mark.parametrize(("lane", "name"), [*product([Lane.DIRECT], SPREAD), *product([Lane.KERNEL], COMPILED)])
 def test_a_setting_that_a_library_does_not_have_is_refused(lane: Lane, name: str) -> None:
-    solver = make(lane, name, no_such_setting=1)
-    with pytest.raises((AttributeError, TypeError, ValueError), match=f"{name * (lane is Lane.KERNEL)}.*no_such_setting"):
+    solver, named = make(lane, name, no_such_setting=1), f"{name * (lane is Lane.KERNEL)}.*no_such_setting"
+    with pytest.raises((AttributeError, TypeError, ValueError), match=named):
         solver.setup(pair("one-sided", 3).problems[0])
 
 
