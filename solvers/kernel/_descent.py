@@ -46,13 +46,13 @@ class ProjectedGradient(BuiltInSolver):
         bindings.descent_start(self.state, start)
         getattr(bindings, f"{self.steps}_steps")(self.state, *self._limits)
         bindings.descent_answer(self.state)
-        self.x = self.field("answer").copy()
+        self.x = self.field["answer"].copy()
         self.x.setflags(write=False)
-        return OK if self.field("met").view(np.int32)[0] else CAPPED
+        return OK if self.field["met"].view(np.int32)[0] else CAPPED
 
     def loop(self) -> Callable[..., int]:
         return partial(getattr(bindings, f"time_{self.steps}"), self.state, *self._rule, *self._limits)
 
     def extras(self) -> dict[str, Any]:
         """The number of steps and the step size."""
-        return {"steps": int(self.field("taken").view(np.int64)[0]), "eta": float(self.field("eta")[0])}
+        return {"steps": int(self.field["taken"].view(np.int64)[0]), "eta": float(self.field["eta"][0])}
