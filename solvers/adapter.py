@@ -1,4 +1,4 @@
-"""Base class of the adapters of solver libraries: conversion of the constraints, checks, the answer with its duals.
+"""Base classes of solvers: the state of readiness, conversion of the constraints, the answer with its duals.
 
 The file of an adapter, whose name is the solver's, declares the properties of its library and has up to four short
 methods:
@@ -10,15 +10,29 @@ methods:
 """
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
+from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from qpsolvers import Problem, Solution
+from scipy.sparse import csc_matrix
 
-from solvers.backend import Backend
-from solvers.core import REASONS, UNSOLVED
-from solvers.protocol import AT_WORK, READY, SETUP, Lane, Matrix, Solver, Unsupported, Vector, only_box
+from solvers.backend import DIRECT, Backend
+from solvers.core import CAPPED, OK, REASONS, UNSOLVED
+from solvers.protocol import (
+    AT_WORK,
+    DATA,
+    READY,
+    SETUP,
+    Lane,
+    Matrix,
+    Solver,
+    Timings,
+    Unsupported,
+    Vector,
+    only_box,
+)
 from solvers.rows import Cones, Intervals, Program, Stack, Triangle
 
 # The names that the files of adapters import.
@@ -34,7 +48,12 @@ __all__ = [
     "Triangle",
     "Unsupported",
     "Vector",
+    "behind",
+    "csc_matrix",
 ]
+
+
+LONGEST_NS = 2**62
 
 
 class Report(NamedTuple):
@@ -50,34 +69,138 @@ class Report(NamedTuple):
     """The library's own count."""
     reported_us: float | None = None
     """The solve time that the library itself reports."""
+    more: Mapping[str, Any] = MappingProxyType({})
+    """What else a solver has to say."""
 
 
-class LibrarySolver(Solver):
-    """A solver of another author's library."""
+class Adapter(Solver):
+    """A solver whose problem is a :class:`Program`, and which obeys the state of readiness of :class:`Solver`."""
 
-    lane = Lane.DIRECT
-    library: ClassVar[Backend]
     form: ClassVar[type[Any]] = Stack
-    """The form of the rows that the library takes, from :mod:`solvers.rows`."""
+    """The form of the rows that the solver takes, from :mod:`solvers.rows`."""
     bounds_only: ClassVar[bool] = False
     """Whether it takes no general rows."""
     refuses_fixed: ClassVar[bool] = False
     """Whether it cannot take a variable fixed by lb = ub."""
+    program: Program
+    rows: Any
+    x: Vector
+    """The last answer."""
+
+    def setup(self, problem: Problem) -> None:
+        """Convert the problem and make what solves it; a problem that is refused leaves the solver as it was.
+
+        Raises
+        ------
+        Unsupported
+            The solver cannot take a feature of the problem.
+        ValueError
+            The data are not as :mod:`solvers.checks` asks for, or the solver refuses them.
+        """
+        kept = vars(self).copy()
+        try:
+            if self.bounds_only:
+                only_box(problem, self.name)
+            self.program = p = Program(problem)
+            if self.refuses_fixed and np.any(p.lb == p.ub):
+                raise Unsupported(f"{self.name} needs lb < ub, and a variable is fixed by lb = ub")
+            self.rows, self._missing, self._verdict = self.form(p), SETUP, UNSOLVED
+            self.build(p, self.rows)
+        except BaseException:
+            vars(self).clear()
+            vars(self).update(kept)
+            raise
+        self._missing = READY
+
+    def build(self, p: Program, rows: Any) -> None:
+        """Make the library's object of the program and its rows, if it has one."""
+
+    def _begin(self, check: Callable[..., Any], *arguments: Any, given: frozenset[str] = READY) -> Any:
+        """Begin a call to which these data are given: until its end, or for good if a library raises, the solver is not
+        ready. Returns what ``check`` makes of the program and arguments; if it refuses these, the solver is as it
+        was."""
+        missing = self._missing
+        if missing:
+            self._require(missing - given)
+        self._missing = AT_WORK  # no other thread runs between the test and this
+        try:
+            return check(self.program, *arguments)
+        except BaseException:
+            self._missing = missing
+            raise
+
+    def loop(self) -> Callable[..., int]:
+        """The function of the core that times ``update`` and ``solve``; its last arguments are those of ``TIMED`` in
+        ``bindings_timed.h``."""
+        raise Unsupported(f"{self.name} has no compiled loop to time")
+
+    @abstractmethod
+    def accepted(self, status: int) -> int:
+        """The status of the answer after the loop ended with this one, or an error."""
+
+    def remember(self, P: Matrix | None, q: Vector, x: Vector) -> None:
+        """Keep the last data and answer of the loop."""
+        self.program.set_data(P, q, copy=True)
+        self.x = x.copy()
+
+    def time_kernel(
+        self, P: Matrix | None, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf
+    ) -> Timings:
+        """Take each P, unless it stays, and q and solve, timed; by default as ``solve()`` does, or from
+        ``warm_start``."""
+
+        def run(program: Program) -> tuple[int, Matrix | None, Matrix, Timings]:
+            flat, qs, start = program.several(P, q, warm_start)
+            n, d = qs.shape
+            updates, solves, answers = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64), np.full((n, d), np.nan)
+            made, longest = np.zeros(1, dtype=np.int64), int(min(most_ns, LONGEST_NS))
+            data = qs, None if flat is None else flat.reshape(n, d * d)
+            status = self.loop()(*data, start, longest, updates, solves, answers, made)
+            m = int(made[0])
+            return status, flat, qs, (updates[:m], solves[:m], answers[:m])
+
+        status, P, q, timings = self._begin(run, given=frozenset({"q"}) if P is None else DATA)
+        last = timings[0].size - 1
+        self.remember(None if P is None else P[last], q[last], timings[2][last])
+        self._verdict = UNSOLVED
+        self._verdict = self.accepted(status)
+        self._missing = READY
+        return timings
+
+    @abstractmethod
+    def report(self) -> Report:
+        """Read the report on the last solve."""
+
+    def solution(self) -> Solution:
+        """Return the answer with the multipliers of the problem's own rows, found if the solver says so; no answer if
+        it returned none or NaN, and before a solve of the present data. ValueError as ``solve`` if the solver is not
+        ready."""
+        self._require(self._missing)
+        if self._verdict not in (OK, CAPPED):
+            return self.program.solution({"status": REASONS[self._verdict]})
+        found, w, status, iterations, reported_us, more = self.report()
+        extras = {"status": status, "reported_us": reported_us, "iterations": iterations, **more}
+        answer = () if np.isnan(self.x).all() else (self.x, self.rows.scatter(w), found)
+        return self.program.solution(extras, *answer)
+
+
+class LibrarySolver(Adapter):
+    """A solver of another author's library."""
+
+    lane = Lane.DIRECT
+    library: ClassVar[Backend]
+    """By default, the entry of the file's name in :data:`solvers.backend.DIRECT`."""
     reads_given_arrays: ClassVar[bool] = False
     """Whether ``pass_data`` is all that the library needs of new data; then it gets the caller's arrays without a copy,
     and only ``solution`` refers to them later."""
-    program: Program
-    rows: Any
-    x: Vector | None = None
-    """The last answer as the library returned it, NaN for none; None before a solve of the present data."""
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        if "library" in vars(cls):
-            b = cls.library
+        name = vars(cls).get("name", cls.__module__.rpartition(".")[2])
+        if b := vars(cls).get("library", DIRECT.get(name)):
+            cls.name, cls.library = name, b
             cls.algorithm, cls.licence, cls.distribution = b.algorithm, b.licence, b.distribution
             cls.fixed_settings, cls.exponents = b.fixed_settings, b.exponents
-            cls.name = vars(cls).get("name", cls.__module__.rpartition(".")[2])
 
     @classmethod
     def ladder(cls, c: float) -> tuple[Mapping[str, Any], ...]:
@@ -85,21 +208,10 @@ class LibrarySolver(Solver):
         return cls.library.ladder(c)
 
     def setup(self, problem: Problem) -> None:
-        """Refuse problems that the library cannot take, convert the others and make the library's object."""
+        """Refuse settings of a library that has none, and make the library's object."""
         if self.settings and not (self.library.tolerances or self.library.rung_settings or self.fixed_settings):
             raise ValueError(f"{self.name} has no settings, so none is {', '.join(sorted(self.settings))}")
-        if self.bounds_only:
-            only_box(problem, self.name)
-        p = Program(problem)
-        if self.refuses_fixed and np.any(p.lb == p.ub):
-            raise Unsupported(f"{self.name} needs lb < ub, and a variable is fixed by lb = ub")
-        self._missing, self.x = SETUP, None
-        self.program, self.rows = p, self.form(p)
-        self.build(p, self.rows)
-        self._missing = READY
-
-    def build(self, p: Program, rows: Any) -> None:
-        """Make the library's object of the program and its rows, if it has one."""
+        super().setup(problem)
 
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
         """Pass P (d, d) and q (d,), views of the program's arrays, to the library; None for unchanged data."""
@@ -112,48 +224,26 @@ class LibrarySolver(Solver):
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
         """Pass P (d, d) and q (d,) on, of any strides; if the library refuses them, it must be set up again."""
         self._begin(Program.set_data, P, q, not self.reads_given_arrays)
-        self.x = None
+        self._verdict = UNSOLVED
         if P is not None or q is not None:  # Clarabel panics at an update of nothing
             self.pass_data(None if P is None else self.program.P, None if q is None else self.program.q)
         self._missing = READY
-
-    def _begin(self, check: Callable[..., Any], *arguments: Any) -> Any:
-        """Begin a call of the library: until its end, or for good if the library raises, the solver is not ready.
-        Returns what ``check`` makes of the program and arguments; if it refuses these, the solver is as it was."""
-        if self._missing:
-            self._require(self._missing)
-        self._missing = AT_WORK  # no other thread runs between the test and this
-        try:
-            return check(self.program, *arguments)
-        except BaseException:
-            self._missing = READY
-            raise
 
     def solve(self, warm_start: Vector | None = None) -> Vector:
         """Return the library's answer, read-only, whether the library calls it found or not, and NaN if it returned
         none; ValueError if the solver is not ready."""
         start = None if warm_start is None and not self._missing else self._begin(Program.start, warm_start)
-        self._missing, self.x = AT_WORK, None
+        self._missing, self._verdict = AT_WORK, UNSOLVED
         x = self.call_library(start)
-        self.x, self._missing = np.full(self.program.d, np.nan) if x is None else x, READY
+        self.x = np.full(self.program.d, np.nan) if x is None else x
         self.x.setflags(write=False)  # the solution may have the same memory
+        self._missing, self._verdict = READY, OK
         return self.x
 
-    @abstractmethod
-    def report(self) -> Report:
-        """Read the library's report on its last solve."""
-
-    def solution(self) -> Solution:
-        """Return the answer with the multipliers of the problem's own rows, found if the library says so; no answer if
-        it returned none or NaN, and before a solve of the present data. ValueError as ``solve`` if the solver is not
-        ready."""
-        self._require(self._missing)
-        if self.x is None:
-            return self.program.solution({"status": REASONS[UNSOLVED]})
-        found, w, status, iterations, reported_us = self.report()
-        extras = {"status": status, "reported_us": reported_us, "iterations": iterations}
-        answer = () if np.isnan(self.x).all() else (self.x, self.rows.scatter(w), found)
-        return self.program.solution(extras, *answer)
+    def accepted(self, status: int) -> int:
+        """Raise :class:`Unsupported` if the library refuses the last data."""
+        self.refuse(status)
+        return OK
 
     def apply_settings(self, target: Any, **defaults: Any) -> None:
         """Write the defaults and the settings into the library's own object.
@@ -172,3 +262,15 @@ class LibrarySolver(Solver):
         """Raise :class:`Unsupported` if the library refuses the data, which it does by a negative flag."""
         if flag < 0:
             raise Unsupported(f"{self.name} refuses the data with exit flag {flag}: P is not positive semidefinite")
+
+
+def behind(base: type[LibrarySolver], libraries: Mapping[str, Backend], installed: Container[str]) -> Any:
+    """The function ``make`` of a lane: the class of one solver of its table, ImportError if it is not installed."""
+
+    def make(name: str) -> type[Solver]:
+        if name not in installed:
+            raise ImportError(f"{name!r} is not installed, or {base.lane.value} does not find it")
+        described = {"__doc__": f"{name} behind {base.lane.value}.", "name": name, "library": libraries[name]}
+        return type(f"{base.lane.value.capitalize()}_{name}", (base,), described)
+
+    return make

@@ -13,8 +13,9 @@ the gap can be below rounding error and is then never met. Settings have the lib
 same names share the entry, and their own tables contain the differences.
 """
 
+import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -219,3 +220,84 @@ XPRESS = Backend(
     INTERIOR_POINT,
     fixed_settings={"threads": 1},
 )
+ABSTOL_QOCO = 1e-9
+
+
+def cost_unit_qoco(c: float, k: float) -> float:
+    """The power of two next to c · 10⁻ᵏ / ABSTOL_QOCO, see :mod:`solvers.direct.qoco`."""
+    return 2.0 ** round(math.log2(absolute(c, k) / ABSTOL_QOCO))
+
+
+DIRECT: Mapping[str, Backend] = {
+    "casadi_qpoases": Backend(
+        "parametric active set", "LGPL-2.1-or-later", "casadi", {"terminationTolerance": relative}, (8, 12)
+    ),
+    "clarabel": CLARABEL,
+    "cvxopt": CVXOPT,
+    "daqp": DAQP,
+    "highspy": HIGHS,
+    "osqp": OSQP,
+    "piqp": PIQP,
+    "proxsuite": PROXQP,
+    "pyqpmad": PYQPMAD,
+    "qoco": replace(
+        QOCO,
+        tolerances={"abstol": lambda c, k: ABSTOL_QOCO, "reltol": nothing, "cost_unit": cost_unit_qoco},
+        exponents=(4, 6, 8, 10, 12, 13, 14, 15),
+    ),
+    "qpalm": QPALM,
+    "qtqp": QTQP,
+    "quadprog": QUADPROG,
+    "scipy_bvls": Backend(
+        "active set", "BSD-3-Clause", "scipy", {"tol": relative}, (8, 12), rung_settings={"max_iter": 10_000}
+    ),
+    "scipy_lbfgsb": Backend(
+        "quasi-Newton",
+        "BSD-3-Clause",
+        "scipy",
+        {"gtol": absolute},
+        (4, 5, 6, 7, 8, 9),
+        rung_settings={"ftol": 0.0, "maxcor": 30, "maxls": 50, "maxiter": 100_000, "maxfun": 1_000_000},
+    ),
+    "scipy_nnls": Backend("active set", "BSD-3-Clause", "scipy"),
+    "scs": SCS,
+}
+"""The libraries of the lanes direct and kernel by the names of their files."""
+QPSOLVERS: Mapping[str, Backend] = {
+    "clarabel": CLARABEL,
+    "copt": COPT,
+    "cvxopt": CVXOPT,
+    "daqp": DAQP,
+    "ecos": ECOS,
+    "gurobi": GUROBI,
+    "highs": HIGHS,
+    # osqp warns unless raise_error is set.
+    "osqp": replace(OSQP, fixed_settings={**OSQP.fixed_settings, "raise_error": False}),
+    "piqp": PIQP,
+    "proxqp": PROXQP,
+    "pyqpmad": PYQPMAD,  # qpsolvers loses its duals of variables fixed by lb = ub
+    "qpalm": QPALM,  # qpsolvers drops the starting point
+    "qpax": QPAX,
+    "qtqp": QTQP,
+    "quadprog": QUADPROG,
+    "scs": SCS,
+}
+"""The libraries of the lane qpsolvers by their names there."""
+CVXPY: Mapping[str, Backend] = {
+    "clarabel": CLARABEL,
+    "copt": COPT,
+    "cvxopt": CVXOPT,
+    "daqp": DAQP,
+    "ecos": ECOS,
+    "gurobi": GUROBI,
+    "highs": HIGHS,
+    "osqp": OSQP,
+    "piqp": PIQP,
+    # cvxpy does not pass its tolerance on the duality gap.
+    "proxqp": replace(PROXQP, tolerances=EPS, rung_settings={"max_iter": PROXQP.rung_settings["max_iter"]}),
+    "qoco": QOCO,
+    "qpalm": QPALM,
+    "scs": SCS,
+    "xpress": XPRESS,
+}
+"""The libraries of the lane cvxpy by their names there."""

@@ -5,13 +5,11 @@ NaN, no lower one is +inf, no upper one or h is -inf, and none cross. P and q ar
 ``update`` is timed: by ``solvers/kernel/bindings_library.c``, or by our own solvers while they copy.
 """
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from solvers.arrays import Matrix, Vector, shaped
-from solvers.core import CAPPED, NOT_FINITE, OK, REASONS, bindings
+from solvers.core import CAPPED, NOT_FINITE, OK, REASONS
 
 
 def finite(name: str, values: ArrayLike, shape: tuple[int, ...], absent: float | None = None) -> Vector:
@@ -22,25 +20,6 @@ def finite(name: str, values: ArrayLike, shape: tuple[int, ...], absent: float |
     if refused:
         raise ValueError(f"{name}{refused[0]} is {array[tuple(refused[0])]}, and it must be a finite number")
     return array
-
-
-def start_point(values: Any, shape: tuple[int, ...]) -> Vector:
-    """A starting point (d,) as contiguous doubles; ValueError for another shape or type, or one that is not finite."""
-    try:
-        is_good = type(values) is np.ndarray and values.shape == shape and bindings.all_finite(values)
-    except (TypeError, ValueError, BufferError):  # an array of another type or layout
-        is_good = False
-    return values if is_good else finite("warm_start", values, shape)
-
-
-def several(
-    P: ArrayLike | None, q: ArrayLike, start: ArrayLike | None, d: int
-) -> tuple[Matrix | None, Matrix, Vector | None]:
-    """P (n, d, d) or None, q (n, d) and a start (d,) as contiguous doubles, checked."""
-    count = len(np.atleast_1d(q))
-    P, q = None if P is None else shaped("P", P, (count, d, d)), shaped("q", q, (count, d))
-    require(bindings.check_all(P, q), P=P, q=q)
-    return P, q, None if start is None else start_point(start, (d,))
 
 
 def require(status: int, prefix: str = "", **data: Matrix | None) -> None:

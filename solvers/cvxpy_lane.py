@@ -20,40 +20,19 @@ takes no starting point: its ``warm_start`` reuses the solver's object and last 
 """
 
 import logging
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import scipy.linalg
 
-from solvers import backend as known
-from solvers.adapter import LibrarySolver, Program, Report, Stack
-from solvers.backend import Backend
-from solvers.protocol import Lane, Matrix, Solver, Unsupported, Vector
+from solvers.adapter import LibrarySolver, Matrix, Program, Report, Stack, Unsupported, Vector, behind
+from solvers.backend import CVXPY as BACKENDS
+from solvers.protocol import Lane
 
 # The registry reports libraries that do not load; CVXPY would do so on standard error in every process.
 logging.getLogger("__cvxpy__").addFilter(lambda record: "importing solver" not in record.getMessage())
 import cvxpy as cp  # noqa: E402
 
-BACKENDS: dict[str, Backend] = {
-    "clarabel": known.CLARABEL,
-    "copt": known.COPT,
-    "cvxopt": known.CVXOPT,
-    "daqp": known.DAQP,
-    "ecos": known.ECOS,
-    "gurobi": known.GUROBI,
-    "highs": known.HIGHS,
-    "osqp": known.OSQP,
-    "piqp": known.PIQP,
-    # cvxpy does not pass its tolerance on the duality gap.
-    "proxqp": replace(
-        known.PROXQP, tolerances=known.EPS, rung_settings={"max_iter": known.PROXQP.rung_settings["max_iter"]}
-    ),
-    "qoco": known.QOCO,
-    "qpalm": known.QPALM,
-    "scs": known.SCS,
-    "xpress": known.XPRESS,
-}
 INSTALLED = tuple(name for name in BACKENDS if name.upper() in cp.installed_solvers())
 
 
@@ -80,7 +59,7 @@ def square_root(P: Matrix) -> Matrix:
 
 
 class CvxpySolver(LibrarySolver):
-    """One solver behind cvxpy, a subclass made by :func:`make`."""
+    """One solver behind cvxpy, a subclass made by ``make``."""
 
     lane = Lane.CVXPY
 
@@ -126,20 +105,4 @@ class CvxpySolver(LibrarySolver):
         return Report(self._status == cp.OPTIMAL, w, self._status, stats.num_iters, reported_us)
 
 
-def make(name: str) -> type[Solver]:
-    """The class of one solver behind cvxpy.
-
-    Raises
-    ------
-    ImportError
-        The solver is not installed, or not in the table.
-
-    Examples
-    --------
-    >>> make("clarabel").algorithm
-    'interior point'
-    """
-    if name not in INSTALLED:
-        raise ImportError(f"{name!r} is not installed, or cvxpy does not find it")
-    b = BACKENDS[name]
-    return type(f"Cvxpy_{name}", (CvxpySolver,), {"__doc__": f"{name} behind cvxpy.", "name": name, "library": b})
+make = behind(CvxpySolver, BACKENDS, INSTALLED)

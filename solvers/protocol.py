@@ -26,7 +26,10 @@ from solvers.arrays import Matrix as Matrix
 from solvers.arrays import Nanoseconds as Nanoseconds
 from solvers.arrays import Vector as Vector
 from solvers.checks import finite
-from solvers.timed_calls import Timings as Timings
+from solvers.core import UNSOLVED
+
+Timings = tuple[Nanoseconds, Nanoseconds, Matrix]
+"""Nanoseconds of updates and of solves, (n,) each, and answers (n, d), NaN if a library found none."""
 
 
 class Lane(StrEnum):
@@ -60,12 +63,28 @@ def setting_text(settings: Mapping[str, Any]) -> str:
 READY: frozenset[str] = frozenset()
 SETUP = frozenset({"setup(problem)"})
 AT_WORK = frozenset({"setup(problem), or the end of a call in another thread"})
-"""What a solver lacks: nothing, a problem, or the end of a call, which a library has not reached if it raised."""
+DATA = frozenset({"P", "q"})
+"""What a solver lacks: nothing, a problem, the end of a call, which a library has not reached if it raised, or data."""
 
 
-class Entrant(ABC):
-    """Description of a contestant of a race."""
+class Solver(ABC):
+    """One algorithm behind one interface.
 
+    Parameters
+    ----------
+    **settings
+        The library's own settings, such as a rung of the ladder; without any, its defaults.
+
+    Notes
+    -----
+    ``setup`` and ``update`` are timed separately from ``solve``. ``solve`` returns the array of the answer and builds
+    nothing else, so that the solver alone is timed; ``solution`` tells afterwards whether it is found. Input
+    arrays are never written to. Data and starts are checked before anything changes, and a call that raises leaves the
+    solver as it was, or not ready: then every call raises ValueError, until what is missing has come.
+    """
+
+    name: ClassVar[str]
+    lane: ClassVar[Lane]
     algorithm: ClassVar[str]
     """Class of the algorithm: "dual active set", "interior point", …"""
     licence: ClassVar[str]
@@ -79,6 +98,11 @@ class Entrant(ABC):
     """Settings that always apply, unless they are overridden."""
     exponents: ClassVar[tuple[float, ...]] = ()
     """Exponent k of each rung of the ladder, if rungs request cost gaps of about 10⁻ᵏ."""
+    _missing: frozenset[str] = SETUP
+    """What must come before the next call: a problem, P or q anew, or the end of a call in another thread."""
+    _verdict: int = UNSOLVED
+    """Whether there is an answer to the present data, and which, as a status of :mod:`solvers.core`. These two are the
+    state of readiness, which ``setup``, ``update``, ``solve``, ``solution`` and ``time_kernel`` obey."""
 
     @classmethod
     def ladder(cls, c: float) -> tuple[Mapping[str, Any], ...]:
@@ -115,28 +139,6 @@ class Entrant(ABC):
         if setting != setting_text(cls.fixed_settings):
             raise ValueError(f"{cls.__name__} has no setting {setting} in its ladder")
         return {}
-
-
-class Solver(Entrant):
-    """One algorithm behind one interface.
-
-    Parameters
-    ----------
-    **settings
-        The library's own settings, such as a rung of the ladder; without any, its defaults.
-
-    Notes
-    -----
-    ``setup`` and ``update`` are timed separately from ``solve``. ``solve`` returns the array of the answer and builds
-    nothing else, so that the solver alone is timed; ``solution`` tells afterwards whether it is found. Input
-    arrays are never written to. Data and starts are checked before anything changes, and a call that raises leaves the
-    solver as it was, or not ready: then every call raises ValueError, until what is missing has come.
-    """
-
-    name: ClassVar[str]
-    lane: ClassVar[Lane]
-    _missing: frozenset[str] = SETUP
-    """What must come before the next call."""
 
     def __init__(self, **settings: Any) -> None:
         self.settings: dict[str, Any] = {**self.fixed_settings, **settings}

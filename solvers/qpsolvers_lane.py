@@ -11,7 +11,6 @@ on infinite bounds.
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,44 +18,27 @@ import qpsolvers
 from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix
 
-from solvers import backend as known
-from solvers.adapter import LibrarySolver, Program, Report, Stack
-from solvers.backend import Backend
-from solvers.protocol import Lane, Matrix, Solver, Unsupported, Vector
+from solvers.adapter import LibrarySolver, Matrix, Program, Report, Stack, Unsupported, Vector, behind
+from solvers.backend import QPSOLVERS as BACKENDS
+from solvers.protocol import Lane
 
-BACKENDS: dict[str, Backend] = {
-    "clarabel": known.CLARABEL,
-    "copt": known.COPT,
-    "cvxopt": known.CVXOPT,
-    "daqp": known.DAQP,
-    "ecos": known.ECOS,
-    "gurobi": known.GUROBI,
-    "highs": known.HIGHS,
-    # osqp warns unless raise_error is set.
-    "osqp": replace(known.OSQP, fixed_settings={**known.OSQP.fixed_settings, "raise_error": False}),
-    "piqp": known.PIQP,
-    "proxqp": known.PROXQP,
-    "pyqpmad": known.PYQPMAD,  # qpsolvers loses its duals of variables fixed by lb = ub
-    "qpalm": known.QPALM,  # qpsolvers drops the starting point
-    "qpax": known.QPAX,
-    "qtqp": known.QTQP,
-    "quadprog": known.QUADPROG,
-    "scs": known.SCS,
-}
 WARM_STARTABLE = frozenset({"daqp", "osqp", "proxqp", "scs"})
-HANDED_TO_SCIPY = frozenset({"clarabel", "qtqp", "scs"})
-"""For these, qpsolvers passes problems without constraints to SciPy instead."""
-FAILS_WITHOUT_ROWS = frozenset({"highs"})
-"""Solvers that get the row 0ᵀx ≤ ∞ for a problem without rows (see :mod:`solvers.direct.highspy`)."""
+NEEDS_A_ROW = frozenset({"clarabel", "highs", "qtqp", "scs"})
+"""Solvers that get the row 0ᵀx ≤ 1 for a problem without rows: qpsolvers passes one without constraints to SciPy in
+their place, and HiGHS ends in "Solve error" (see :mod:`solvers.direct.highspy`)."""
 BREAKS_ON_INFINITY = frozenset({"cvxopt", "ecos"})
 SPARSE_ONLY = frozenset(qpsolvers.sparse_solvers) - frozenset(qpsolvers.dense_solvers)
 INSTALLED = tuple(name for name in BACKENDS if name in qpsolvers.available_solvers)
 
 
 class QpsolversSolver(LibrarySolver):
-    """One solver behind qpsolvers, a subclass made by :func:`make`."""
+    """One solver behind qpsolvers, a subclass made by ``make``."""
 
     lane = Lane.QPSOLVERS
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        cls.warm_startable = cls.name in WARM_STARTABLE
 
     def _form(self, matrix: Matrix) -> Any:
         return csc_matrix(matrix) if self._is_sparse else matrix
@@ -71,11 +53,9 @@ class QpsolversSolver(LibrarySolver):
         if self.name in BREAKS_ON_INFINITY and not all(np.isfinite(side).all() for side in sides if side is not None):
             raise Unsupported(f"{self.name} behind qpsolvers takes the bounds of a side all finite or all infinite")
         G, A = ((self._form(R), r) if r.size else (None, None) for R, r in ((p.G, p.h), (p.A, p.b)))
-        if self.name in FAILS_WITHOUT_ROWS and p.u.size == p.d:
-            G = csc_matrix((1, p.d)), np.array([np.inf])
+        if self.name in NEEDS_A_ROW and p.u.size == p.d:
+            G = csc_matrix((1, p.d)), np.ones(1)
         self._problem = Problem(self._form(p.P), p.q, *G, *A, *sides)
-        if self._problem.is_unconstrained and self.name in HANDED_TO_SCIPY:
-            raise Unsupported(f"qpsolvers solves a problem without constraints by SciPy in place of {self.name}")
 
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:  # noqa: D102
         if P is not None and self._is_sparse:
@@ -109,28 +89,4 @@ def _first_of(extras: Mapping[str, Any], *names: str) -> Any:
     return next((value for name in names for value in (extras.get(name), inside.get(name)) if value is not None), None)
 
 
-def make(name: str) -> type[Solver]:
-    """The class of one solver behind qpsolvers.
-
-    Raises
-    ------
-    ImportError
-        The solver is not installed, or not in the table.
-
-    Examples
-    --------
-    >>> make("piqp").algorithm
-    'proximal interior point'
-    """
-    if name not in INSTALLED:
-        raise ImportError(f"{name!r} is not installed, or qpsolvers does not find it")
-    return type(
-        f"Qpsolvers_{name}",
-        (QpsolversSolver,),
-        {
-            "__doc__": f"{name} behind qpsolvers.",
-            "name": name,
-            "library": BACKENDS[name],
-            "warm_startable": name in WARM_STARTABLE,
-        },
-    )
+make = behind(QpsolversSolver, BACKENDS, INSTALLED)

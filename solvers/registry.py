@@ -3,7 +3,7 @@
 A new file is enough to race a solver; one written for this project is also named in ``OURS``. A module is imported only
 when its solver is used, since some libraries cannot share a process; a solver whose library is not installed is
 reported as absent with the reason. ``solvers/<lane>_lane.py`` is the file of a whole lane (qpsolvers, cvxpy), with the
-table ``BACKENDS`` and the function ``make(name)``.
+function ``make(name)``; the names there are in a table of :mod:`solvers.backend`.
 
 Other packages add solvers by entry points of the group ``piezobench.solvers``. The name of an entry point is lane and
 name of the solver (lane direct by default), its value is the class:
@@ -27,10 +27,12 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from solvers import backend
 from solvers.protocol import Lane, Solver
 
 FOLDERS = (Lane.KERNEL, Lane.DIRECT)
-FAMILIES = (Lane.QPSOLVERS, Lane.CVXPY)
+FAMILIES = {Lane.QPSOLVERS: backend.QPSOLVERS, Lane.CVXPY: backend.CVXPY}
+"""Names of solvers in the lanes that have one file for all."""
 GROUP = "piezobench.solvers"
 OURS = frozenset(
     {
@@ -193,9 +195,8 @@ def _own_entries() -> Iterator[Entry]:
                 if lane is Lane.KERNEL and file.stem in OURS:
                     yield Entry(file.stem, Lane.DIRECT, f"solvers.{lane}.{file.stem}")
         elif importlib.util.find_spec(lane.value) is not None:
-            module = f"solvers.{lane}_lane"
-            for name in importlib.import_module(module).BACKENDS:
-                yield Entry(name, lane, module)
+            for name in FAMILIES[lane]:
+                yield Entry(name, lane, f"solvers.{lane}_lane")
 
 
 def from_file(path: str | Path) -> Entry:
@@ -228,14 +229,9 @@ def add_file(path: str | Path) -> Entry:
 def find(name: str, lane: Lane | str | None = None) -> Entry:
     """The entry of that name in the given lane, by default in the fastest preferred one (the order of
     :class:`Lane`)."""
-    fallback = None
-    for entry in entries():
-        if entry.name == name and lane in (None, entry.lane):
-            if lane is not None or not entry.is_fallback:
-                return entry
-            fallback = entry
-    if fallback is not None:
-        return fallback
+    found = [entry for entry in entries() if entry.name == name and lane in (None, entry.lane)]
+    if found:
+        return min(found, key=lambda entry: entry.is_fallback)
     place = "" if lane is None else f" in the lane {Lane(lane).value!r}"
     raise KeyError(f"there is no solver {name!r}{place}; known are {', '.join(sorted({e.name for e in entries()}))}")
 

@@ -17,12 +17,12 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix
 
 from solvers.arrays import Mask, shaped
-from solvers.checks import finite, require, start_point
+from solvers.checks import finite, require
 from solvers.core import CROSSED, bindings
 from solvers.protocol import Matrix, Vector, box, dense
 
@@ -44,7 +44,7 @@ class Program:
     R, l, u : ndarray
         The stacked rows, shapes (d + p + m, d) in C order and (d + p + m,): d bounds, p equalities, m inequalities.
     lb, ub, A, b, G, h : ndarray
-        Views of the parts of the stack: bounds (d,), equalities, inequalities.
+        The parts of the stack: bounds (d,), equalities, inequalities.
     bounds, equalities, inequalities, general : slice
         Positions of each kind in the stack, and those of equalities and inequalities together.
 
@@ -64,16 +64,19 @@ class Program:
         A, b = dense_rows(problem, "A", "b")
         G, h = dense_rows(problem, "G", "h", np.inf)
         self._finite: Mask = h < np.inf  # the other rows of G are no constraints
-        G, h = G[self._finite], h[self._finite]
-        self.R: Matrix = np.vstack([np.eye(d), A, G])
+        self.A, self.G, h = A, G[self._finite], h[self._finite]
         self.l: Vector = np.concatenate([lb, b, np.full(h.size, -np.inf)])
         self.u: Vector = np.concatenate([ub, b, h])
         ends = [d, d + b.size]
         self.bounds, self.equalities, self.inequalities = slice(0, d), slice(*ends), slice(ends[1], None)
         self.general = slice(d, None)
         self.lb, self.ub, self.b, self.h = self.l[:d], *np.split(self.u, ends)
-        _, self.A, self.G = np.split(self.R, ends)
         self._problem = problem
+
+    @cached_property
+    def R(self) -> Matrix:
+        """The rows of all constraints."""
+        return np.vstack([np.eye(self.d), self.A, self.G])
 
     @cached_property
     def triangle(self) -> "Triangle":
@@ -92,17 +95,37 @@ class Program:
         try:
             status = bindings.copy_data(self.P, self.q, P, q) if copy else bindings.check_data(self.q, P, q)
         except (TypeError, ValueError, BufferError):  # arrays of other types and layouts are converted
-            P = None if P is None else shaped("P", P, self.P.shape)
-            q = None if q is None else shaped("q", q, self.q.shape)
-            return self.set_data(P, q, copy)
+            return self.set_data(*self.shaped(P, q), copy)
         if status:
             require(status, P=P, q=q)
         if not copy:
             self.P, self.q = self.P if P is None else P, self.q if q is None else q
 
-    def start(self, warm_start: Vector | None) -> Vector | None:
-        """A starting point (d,), checked, or None."""
-        return None if warm_start is None else start_point(warm_start, self.q.shape)
+    def shaped(self, P: ArrayLike | None, q: ArrayLike | None) -> tuple[Matrix | None, Vector | None]:
+        """P (d, d) and q (d,) as contiguous doubles, None for data that stay; ValueError for another shape or type."""
+        given = (("P", P, self.P), ("q", q, self.q))
+        P, q = (None if new is None else shaped(name, new, old.shape) for name, new, old in given)
+        return P, q
+
+    def several(
+        self, P: ArrayLike | None, q: ArrayLike, start: ArrayLike | None
+    ) -> tuple[Matrix | None, Matrix, Vector | None]:
+        """P (n, d, d) or None, q (n, d) and a start (d,) as contiguous doubles, checked."""
+        count, d = len(np.atleast_1d(q)), self.d
+        P, q = None if P is None else shaped("P", P, (count, d, d)), shaped("q", q, (count, d))
+        require(bindings.check_all(P, q), P=P, q=q)
+        return P, q, self.start(start)
+
+    def start(self, warm_start: Any) -> Vector | None:
+        """A starting point (d,) as contiguous doubles, or None; ValueError for another shape or type, and for a number
+        that is not finite."""
+        try:
+            is_good = warm_start is None or (
+                type(warm_start) is np.ndarray and warm_start.shape == self.q.shape and bindings.all_finite(warm_start)
+            )
+        except (TypeError, ValueError, BufferError):  # an array of another type or layout
+            is_good = False
+        return warm_start if is_good else finite("warm_start", warm_start, self.q.shape)
 
     def solution(
         self, extras: dict[str, Any], x: Vector | None = None, w: Vector | None = None, found: bool = False
@@ -128,56 +151,47 @@ class Program:
 
 
 class Stack:
-    """The whole stack of rows."""
+    """The whole stack of rows, or a selection of them."""
+
+    _kept: Any = slice(None)
+    _signs: Any = 1.0
 
     def __init__(self, program: Program) -> None:
         self.size = program.u.size
 
     def scatter(self, w: Vector) -> Vector:
-        """The multipliers of the stack."""
-        return w
-
-
-class Intervals:
-    """The rows with a finite side, as intervals l ≤ R x ≤ u, R (k, d)."""
-
-    def __init__(self, program: Program) -> None:
-        self._kept: Mask = np.isfinite(program.l) | np.isfinite(program.u)
-        self.R: Matrix = program.R[self._kept]
-        self.l, self.u = program.l[self._kept], program.u[self._kept]
-
-    def scatter(self, w: Vector) -> Vector:
-        """The multipliers of the stack from those of these rows, shape (k,)."""
-        whole = np.zeros(self._kept.size)
-        whole[self._kept] = w
+        """The multipliers of the stack from those of these rows, shape (k,), with w ≥ 0 for inequalities s ≥ 0."""
+        whole = np.zeros(self.size)
+        np.add.at(whole, self._kept, self._signs * w)  # both sides of a row may be among them
         return whole
 
 
-class Cones:
+class Intervals(Stack):
+    """The rows with a finite side, as intervals l ≤ R x ≤ u, R (k, d)."""
+
+    def __init__(self, program: Program) -> None:
+        super().__init__(program)
+        self._kept = np.isfinite(program.l) | np.isfinite(program.u)
+        self.R, self.l, self.u = program.R[self._kept], program.l[self._kept], program.u[self._kept]
+
+
+class Cones(Stack):
     """The rows as R x + s = r with finite r: s = 0 for equalities and fixed variables, s ≥ 0 for inequalities.
 
     R (k, d) and r (k,) have ``equal`` equalities, followed by ``unequal`` inequalities.
     """
 
     def __init__(self, program: Program) -> None:
+        super().__init__(program)
         # With a fixed variable as two inequalities, the feasible set would have no interior.
-        self._equal = equal = program.l == program.u
-        self._upper = upper = np.isfinite(program.u) & ~equal
-        self._lower = lower = np.isfinite(program.l) & ~equal
-        self.R: Matrix = np.vstack([program.R[equal], program.R[upper], -program.R[lower]])
-        self.r: Vector = np.concatenate([program.u[equal], program.u[upper], -program.l[lower]])
+        equal = program.l == program.u
+        kinds = equal, np.isfinite(program.u) & ~equal, np.isfinite(program.l) & ~equal
+        self._kept = np.concatenate([np.flatnonzero(kind) for kind in kinds])
+        self._signs = np.repeat([1.0, 1.0, -1.0], [kind.sum() for kind in kinds])
+        self.R = self._signs[:, None] * program.R[self._kept]
+        self.r = self._signs * np.where(self._signs > 0.0, program.u[self._kept], program.l[self._kept])
         self.equal = int(equal.sum())
         self.unequal = self.r.size - self.equal
-
-    def scatter(self, w: Vector) -> Vector:
-        """The multipliers of the stack from those of these rows, shape (k,), with w ≥ 0 for inequalities."""
-        whole = np.zeros(self._equal.size)
-        ends = np.cumsum([self.equal, self._upper.sum()])
-        equal, upper, lower = np.split(w, ends)
-        whole[self._equal] = equal
-        whole[self._upper] = upper
-        whole[self._lower] -= lower
-        return whole
 
 
 class Triangle:
@@ -212,10 +226,6 @@ class Triangle:
     def values(self, P: Matrix) -> Vector:
         """The stored values of a symmetric matrix P (d, d), column by column, as a new array."""
         return P.take(self._flat)
-
-    def fill(self, matrix: csc_matrix, P: Matrix) -> None:
-        """Write the values of P into a matrix made by :meth:`matrix`."""
-        P.take(self._flat, out=matrix.data)
 
     def matrix(self, P: Matrix) -> csc_matrix:
         """This triangle of P as a sparse matrix with arrays of its own, since osqp overwrites its input."""

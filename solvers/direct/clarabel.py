@@ -13,16 +13,13 @@ new data.
 
 import clarabel
 import numpy as np
-from scipy.sparse import csc_matrix
 
-from solvers.adapter import Cones, LibrarySolver, Matrix, Program, Report, Vector
-from solvers.backend import CLARABEL
+from solvers.adapter import Cones, LibrarySolver, Matrix, Program, Report, Vector, csc_matrix
 
 
 class Clarabel(LibrarySolver):
     """The library's ``DefaultSolver``."""
 
-    library = CLARABEL
     reads_given_arrays = True
     form = Cones
 

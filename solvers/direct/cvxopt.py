@@ -13,13 +13,11 @@ import cvxopt.solvers
 import numpy as np
 
 from solvers.adapter import Cones, LibrarySolver, Matrix, Program, Report, Vector
-from solvers.backend import CVXOPT
 
 
 class Cvxopt(LibrarySolver):
     """The library's ``solvers.qp``."""
 
-    library = CVXOPT
     reads_given_arrays = True
     form = Cones
 

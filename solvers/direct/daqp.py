@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solvers.adapter import LibrarySolver, Matrix, Program, Report, Stack, Vector
-from solvers.backend import DAQP
 from solvers.core import bindings
 
 Sense = NDArray[np.intc]
@@ -25,7 +24,6 @@ IGNORED, EQUAL = 4, 5  # the library's bits: 1 active, 2 lower, 4 immutable
 class Daqp(LibrarySolver):
     """The library's ``Model``."""
 
-    library = DAQP
     reads_given_arrays = True
     warm_startable = True
 

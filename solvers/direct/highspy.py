@@ -16,16 +16,15 @@ library's own limit applies to the total time of all solves of its object.
 
 import highspy
 import numpy as np
-from scipy.sparse import csc_matrix
 
-from solvers.adapter import LibrarySolver, Matrix, Program, Report, Stack, Triangle, Vector
-from solvers.backend import HIGHS
+from solvers.adapter import LibrarySolver, Matrix, Program, Report, Stack, Triangle, Vector, csc_matrix
+
+INF = np.full(1, np.inf)
 
 
 class Highspy(LibrarySolver):
     """The library's ``Highs``."""
 
-    library = HIGHS
     reads_given_arrays = True
 
     def build(self, p: Program, rows: Stack) -> None:
@@ -36,15 +35,13 @@ class Highspy(LibrarySolver):
         self._time_limit_s: float = options.pop("time_limit", 5.0)
         for option, value in options.items():
             self._check(self._highs.setOptionValue(option, value), f"take the option {option} = {value!r}")
-        R, below, above = general_rows(p)
-        lp = highspy.HighsLp()
-        lp.num_col_, lp.num_row_ = p.d, R.shape[0]
-        lp.col_cost_, lp.col_lower_, lp.col_upper_ = p.q, p.lb, p.ub
-        lp.row_lower_, lp.row_upper_ = below, above
-        lp.a_matrix_.format_ = highspy.MatrixFormat.kColwise
-        lp.a_matrix_.num_row_, lp.a_matrix_.num_col_ = R.shape
-        lp.a_matrix_.start_, lp.a_matrix_.index_, lp.a_matrix_.value_ = R.indptr, R.indices, R.data
-        self._check(self._highs.passModel(lp), "take the problem")
+        # The quadratic solver ends in "Solve error" without rows.
+        sides = (p.R[p.general], p.l[p.general], p.u[p.general]) if p.u.size > p.d else (np.zeros((1, p.d)), -INF, INF)
+        R, (below, above) = csc_matrix(sides[0]), sides[1:]
+        columns, rowwise = (p.q, p.lb, p.ub), (below, above, R.indptr, R.indices, R.data)
+        sizes = p.d, R.shape[0], R.nnz, highspy.MatrixFormat.kColwise.value, highspy.ObjSense.kMinimize.value, 0.0
+        status = self._highs.passModel(*sizes, *columns, *rowwise, np.zeros(p.d, dtype=np.int32))
+        self._check(status, "take the problem")
         self.pass_data(p.P, None)
 
     def _check(self, status: highspy.HighsStatus, action: str) -> None:
@@ -74,11 +71,3 @@ class Highspy(LibrarySolver):
         return Report(
             status == optimal, w, highs.modelStatusToString(status), highs.getInfo().qp_iteration_count, reported_us
         )
-
-
-def general_rows(p: Program) -> tuple[csc_matrix, Vector, Vector]:
-    """Rows l ≤ R x ≤ u as R, l, u; if there are none, a row of zeros between −∞ and ∞, since the quadratic solver ends
-    in "Solve error" without rows."""
-    if p.u.size > p.d:
-        return csc_matrix(p.R[p.general]), p.l[p.general], p.u[p.general]
-    return csc_matrix((1, p.d)), np.array([-np.inf]), np.array([np.inf])

@@ -16,10 +16,8 @@ warm solve on badly scaled data it selects wrong rows and spoils the answer.
 
 import numpy as np
 import osqp
-from scipy.sparse import csc_matrix
 
-from solvers.adapter import Intervals, LibrarySolver, Matrix, Program, Report, Vector
-from solvers.backend import OSQP
+from solvers.adapter import Intervals, LibrarySolver, Matrix, Program, Report, Vector, csc_matrix
 
 WITH_ANSWER = (
     osqp.SolverStatus.OSQP_SOLVED,
@@ -33,7 +31,6 @@ WITH_ANSWER = (
 class Osqp(LibrarySolver):
     """The library's ``OSQP``."""
 
-    library = OSQP
     reads_given_arrays = True
     form = Intervals
     warm_startable = True

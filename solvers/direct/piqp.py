@@ -13,13 +13,11 @@ import numpy as np
 import piqp
 
 from solvers.adapter import LibrarySolver, Matrix, Program, Report, Stack, Vector
-from solvers.backend import PIQP
 
 
 class Piqp(LibrarySolver):
     """The library's ``DenseSolver``."""
 
-    library = PIQP
     reads_given_arrays = True
 
     def build(self, p: Program, rows: Stack) -> None:

@@ -20,13 +20,11 @@ import numpy as np
 from proxsuite import proxqp
 
 from solvers.adapter import Intervals, LibrarySolver, Matrix, Program, Report, Vector
-from solvers.backend import PROXQP
 
 
 class Proxsuite(LibrarySolver):
     """The library's ``proxqp.dense.QP``, bounds among the rows."""
 
-    library = PROXQP
     form = Intervals
     warm_startable = True
 

@@ -13,13 +13,10 @@ import numpy as np
 import pyqpmad
 
 from solvers.adapter import LibrarySolver, Program, Report, Stack, Vector
-from solvers.backend import PYQPMAD
 
 
 class Pyqpmad(LibrarySolver):
     """The library's ``Solver``."""
-
-    library = PYQPMAD
 
     def build(self, p: Program, rows: Stack) -> None:
         m = p.l.size - p.d

@@ -14,32 +14,15 @@ copies the results out of the library's memory. There is no warm start and no te
 a numerical error.
 """
 
-import math
-from dataclasses import replace
-
 import numpy as np
 import qoco
-from scipy.sparse import csc_matrix
 
-from solvers.adapter import Cones, LibrarySolver, Matrix, Program, Report, Vector
-from solvers.backend import QOCO, absolute, nothing
-
-ABSTOL = 1e-9
-
-
-def cost_unit(c: float, k: float) -> float:
-    """The power of two next to c · 10⁻ᵏ / ABSTOL."""
-    return 2.0 ** round(math.log2(absolute(c, k) / ABSTOL))
+from solvers.adapter import Cones, LibrarySolver, Matrix, Program, Report, Vector, csc_matrix
 
 
 class Qoco(LibrarySolver):
     """The library's ``QOCO``."""
 
-    library = replace(
-        QOCO,
-        tolerances={"abstol": lambda c, k: ABSTOL, "reltol": nothing, "cost_unit": cost_unit},
-        exponents=(4, 6, 8, 10, 12, 13, 14, 15),
-    )
     reads_given_arrays = True
     form = Cones
 

@@ -11,16 +11,13 @@ solve starts from ``warm_start`` with multipliers of zero, a cold one from zero.
 """
 
 import qpalm
-from scipy.sparse import csc_matrix
 
-from solvers.adapter import Intervals, LibrarySolver, Matrix, Program, Report, Vector
-from solvers.backend import QPALM
+from solvers.adapter import Intervals, LibrarySolver, Matrix, Program, Report, Vector, csc_matrix
 
 
 class Qpalm(LibrarySolver):
     """The library's ``Solver``."""
 
-    library = QPALM
     reads_given_arrays = True
     form = Intervals
     warm_startable = True

@@ -10,16 +10,13 @@ library uses the first that it finds, possibly MKL's.
 """
 
 import qtqp
-from scipy.sparse import csc_matrix
 
-from solvers.adapter import Cones, LibrarySolver, Matrix, Program, Report, Unsupported, Vector
-from solvers.backend import QTQP
+from solvers.adapter import Cones, LibrarySolver, Matrix, Program, Report, Unsupported, Vector, csc_matrix
 
 
 class Qtqp(LibrarySolver):
     """The library's ``QTQP``."""
 
-    library = QTQP
     form = Cones
 
     def build(self, p: Program, rows: Cones) -> None:

@@ -13,7 +13,6 @@ import numpy as np
 import quadprog
 
 from solvers.adapter import Cones, LibrarySolver, Matrix, Program, Report, Vector
-from solvers.backend import QUADPROG
 
 NO_ANSWER = (
     "no solution",
@@ -24,7 +23,6 @@ NO_ANSWER = (
 class Quadprog(LibrarySolver):
     """The library's function ``solve_qp``."""
 
-    library = QUADPROG
     form = Cones
 
     def build(self, p: Program, rows: Cones) -> None:

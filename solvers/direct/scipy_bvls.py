@@ -8,14 +8,18 @@ Statistics 10 (1995), pages 129 to 141.
 Timed: ``setup`` and ``update`` factorise; ``solve`` does a triangular solve and lsq_linear. There is no warm start.
 """
 
-from solvers.backend import Backend, relative
-from solvers.direct._least_squares import LsqLinear
+from scipy.optimize import lsq_linear
+
+from solvers.adapter import Vector
+from solvers.direct._box import BoxResult, LeastSquares
 
 
-class ScipyBvls(LsqLinear):
-    """scipy.optimize.lsq_linear(method="bvls")."""
+class ScipyBvls(LeastSquares):
+    """scipy.optimize.lsq_linear(method="bvls"); its ``tol`` is relative, on the cost."""
 
-    library = Backend(
-        "active set", "BSD-3-Clause", "scipy", {"tol": relative}, (8, 12), rung_settings={"max_iter": 10_000}
-    )
-    method = "bvls"
+    refuses_fixed = True
+
+    def minimise(self, start: Vector | None) -> BoxResult:
+        p = self.program
+        result = lsq_linear(self.L.T, self.right(p.q), (p.lb, p.ub), method="bvls", **self.settings)
+        return result.x, bool(result.success), str(result.message), int(result.nit)

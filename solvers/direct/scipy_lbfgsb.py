@@ -12,13 +12,11 @@ With these settings the method is restarted without its corrections if rounding 
 change the cost, since it may then be far from the optimum; after RESTARTS such restarts the answer counts as not found.
 """
 
-from functools import partial
-
+import numpy as np
 from scipy.optimize import Bounds, minimize
 
-from solvers.backend import Backend, absolute
-from solvers.direct._box import BoxMinimiser, BoxResult, cost, inside
-from solvers.protocol import Vector
+from solvers.adapter import Vector
+from solvers.direct._box import BoxMinimiser, BoxResult
 
 RESTARTS = 5
 STUCK = ("RELATIVE REDUCTION", "ABNORMAL")
@@ -28,27 +26,13 @@ STUCK = ("RELATIVE REDUCTION", "ABNORMAL")
 class ScipyLbfgsb(BoxMinimiser):
     """scipy.optimize.minimize(method="L-BFGS-B")."""
 
-    library = Backend(
-        "quasi-Newton",
-        "BSD-3-Clause",
-        "scipy",
-        {"gtol": absolute},
-        (4, 5, 6, 7, 8, 9),
-        rung_settings={"ftol": 0.0, "maxcor": 30, "maxls": 50, "maxiter": 100_000, "maxfun": 1_000_000},
-    )
     warm_startable = True
 
     def minimise(self, start: Vector | None) -> BoxResult:
-        point, iterations = inside(start, self.program.lb, self.program.ub), 0
+        lb, ub, options, iterations = self.program.lb, self.program.ub, self.settings, 0
+        point = np.clip(np.zeros_like(lb) if start is None else start, lb, ub)
         for _ in range(1 + RESTARTS):
-            result = minimize(  # type: ignore[call-overload]
-                partial(cost, self.program),
-                point,
-                jac=True,
-                method="L-BFGS-B",
-                bounds=Bounds(self.program.lb, self.program.ub),
-                options=self.settings,
-            )
+            result = minimize(self.cost, point, jac=True, method="L-BFGS-B", bounds=Bounds(lb, ub), options=options)
             point, iterations = result.x, iterations + int(result.nit)
             stuck = bool(self.settings) and any(word in result.message for word in STUCK)
             if not stuck:

@@ -10,17 +10,24 @@ Timed: ``setup`` and ``update`` factorise; ``solve`` does a triangular solve and
 without effect since SciPy 1.12), so there is one rung, and no warm start.
 """
 
+import numpy as np
 from scipy.optimize import nnls
 
-from solvers.backend import Backend
-from solvers.direct._least_squares import NonNegative
-from solvers.protocol import Matrix, Vector
+from solvers.adapter import Program, Stack, Unsupported, Vector
+from solvers.direct._box import BoxResult, LeastSquares
 
 
-class ScipyNnls(NonNegative):
+class ScipyNnls(LeastSquares):
     """scipy.optimize.nnls; needs a finite lower bound everywhere and no upper bound."""
 
-    library = Backend("active set", "BSD-3-Clause", "scipy")
+    def build(self, p: Program, rows: Stack) -> None:
+        super().build(p, rows)
+        if np.any(np.isfinite(p.ub)) or not np.all(np.isfinite(p.lb)):
+            raise Unsupported(f"{self.name} needs a finite lower bound and no upper bound on every variable")
 
-    def nonnegative(self, A: Matrix, b: Vector) -> Vector:
-        return nnls(A, b)[0]
+    def minimise(self, start: Vector | None) -> BoxResult:
+        p = self.program
+        try:
+            return p.lb + nnls(self.L.T, self.right(p.P @ p.lb + p.q))[0], True, "solved", None
+        except RuntimeError as error:  # it runs out of iterations
+            return np.full(p.d, np.nan), False, str(error), None

@@ -13,16 +13,13 @@ is MKL if the wheel contains it.
 
 import numpy as np
 import scs
-from scipy.sparse import csc_matrix
 
-from solvers.adapter import Cones, LibrarySolver, Matrix, Program, Report, Vector
-from solvers.backend import SCS
+from solvers.adapter import Cones, LibrarySolver, Matrix, Program, Report, Vector, csc_matrix
 
 
 class Scs(LibrarySolver):
     """The library's ``SCS``."""
 
-    library = SCS
     form = Cones
     warm_startable = True
 
@@ -32,14 +29,12 @@ class Scs(LibrarySolver):
         self._constraints = {"A": csc_matrix(R), "b": r}
         self._cone = {"z": rows.equal, "l": r.size - rows.equal}
         self._dual: dict[str, Vector] = {}
-        self._P = p.triangle.matrix(p.P)
         self.pass_data(p.P, p.q)
 
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
         if P is not None:
-            self.program.triangle.fill(self._P, P)
             self._solver = scs.SCS(
-                {"P": self._P, "c": self.program.q, **self._constraints},
+                {"P": self.program.triangle.matrix(P), "c": self.program.q, **self._constraints},
                 self._cone,
                 **{"verbose": False, **self.settings},
             )

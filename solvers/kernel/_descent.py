@@ -16,10 +16,8 @@ class ProjectedGradient(BuiltInSolver):
     box."""
 
     core = "descent"
-    take_steps: ClassVar[Callable[..., int]]
-    """The compiled steps."""
-    timed_loop: ClassVar[Callable[..., int]]
-    """The compiled loop that times ``update`` and ``solve``."""
+    steps: ClassVar[str]
+    """Name of the compiled steps, <steps>_steps, and of the loop that times them, time_<steps>."""
     without_test = -1.0
     """The tolerance that the compiled steps take for none."""
 
@@ -29,42 +27,32 @@ class ProjectedGradient(BuiltInSolver):
         self._rule = float(self.options.get("step_ratio", 0.5)), int(self.options["diagonal_scaling"])
         self._limits = self.options["steps"], self.without_test if tolerance is None else float(tolerance)
 
-    def prepare(self, P: Matrix, q: Vector) -> None:
-        self._P, self._q = P, q
-
-    def pass_data(self, state: Any, P: Matrix | None, q: Vector | None) -> int:
+    def set_data(self, state: Any, P: Matrix | None, q: Vector | None) -> int:
         status = bindings.descent_set_data(state, P, q, *self._rule)
-        if status == OK and state is self.state:
-            self.remember(P, q)
+        if status == OK:
+            p = self.program
+            if P is not None:
+                p.P[:] = P
+            if q is not None:
+                p.q[:] = q
         return status
-
-    def remember(self, P: Matrix | None, q: Vector | None) -> None:
-        if P is not None:
-            self._P[:] = P
-        if q is not None:
-            self._q[:] = q
 
     def run(self, state: Any, warm: bool) -> int:
         return self.run_from(None)
 
     def run_from(self, start: Vector | None) -> int:
-        """Take the steps from the projection of ``start``, or of 0."""
+        """Take the steps from the projection of ``start``, or of 0. An answer is exactly at a bound if the scaled one
+        is."""
         bindings.descent_start(self.state, start)
-        type(self).take_steps(self.state, *self._limits)
-        self.x = self.answer()
-        return OK if self.field("met").view(np.int32)[0] else CAPPED
-
-    def answer(self) -> Vector:
-        """The last iterate, exactly at a bound if the scaled one is."""
+        getattr(bindings, f"{self.steps}_steps")(self.state, *self._limits)
         bindings.descent_answer(self.state)
-        return self.field("answer").copy()
+        self.x = self.field["answer"].copy()
+        self.x.setflags(write=False)
+        return OK if self.field["met"].view(np.int32)[0] else CAPPED
 
     def loop(self) -> Callable[..., int]:
-        return partial(type(self).timed_loop, self.state, *self._rule, *self._limits)
-
-    def data(self) -> tuple[Matrix, Vector]:
-        return self._P.copy(), self._q.copy()
+        return partial(getattr(bindings, f"time_{self.steps}"), self.state, *self._rule, *self._limits)
 
     def extras(self) -> dict[str, Any]:
         """The number of steps and the step size."""
-        return {"steps": int(self.field("taken").view(np.int64)[0]), "eta": float(self.field("eta")[0])}
+        return {"steps": int(self.field["taken"].view(np.int64)[0]), "eta": float(self.field["eta"][0])}

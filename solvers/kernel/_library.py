@@ -7,6 +7,7 @@ library belong to one version, so other versions are refused.
 
 import ctypes
 import importlib.metadata
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,10 +17,8 @@ from numpy.typing import NDArray
 
 from solvers.adapter import LibrarySolver
 from solvers.arrays import address
-from solvers.checks import several
 from solvers.core import bindings
-from solvers.protocol import READY, Lane, Matrix, Timings, Vector
-from solvers.timed_calls import time_calls
+from solvers.protocol import Lane, Matrix, Vector
 
 CORE = ctypes.CDLL(bindings.__file__)
 """The library of the core, for symbols that its C files export."""
@@ -94,17 +93,12 @@ class CompiledLibrary(LibrarySolver):
         self._loop.solve(address(self.state), address(warm_start), address(x))
         return x
 
-    def time_kernel(
-        self, P: Matrix | None, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf
-    ) -> Timings:
-        P, q, start = self._begin(lambda p: several(P, q, warm_start, p.d))
-        flag, timings = time_calls(partial(bindings.time_library, self._addresses), P, q, start, most_ns)
-        last = timings[0].size - 1
-        self.program.set_data(None if P is None else P[last], q[last], copy=True)
+    def loop(self) -> Callable[..., int]:
+        return partial(bindings.time_library, self._addresses)
+
+    def remember(self, P: Matrix | None, q: Vector, x: Vector) -> None:
+        super().remember(P, q, x)
         self.state[:2] = _data_addresses(self.program)  # the arrays of the loop are released when it ends
-        self.refuse(flag)
-        self.x, self._missing = timings[2][last].copy(), READY
-        return timings
 
 
 def _data_addresses(program: Any) -> tuple[int, int]:

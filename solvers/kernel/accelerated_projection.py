@@ -11,7 +11,6 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from solvers.built_in import Setting
-from solvers.core import bindings
 from solvers.kernel._descent import ProjectedGradient
 
 
@@ -47,8 +46,7 @@ class AcceleratedProjection(ProjectedGradient):
             "diagonal_scaling": Setting(True),
         }
     )
-    take_steps = bindings.accelerated_steps
-    timed_loop = bindings.time_accelerated
+    steps = "accelerated"
 
     @classmethod
     def ladder(cls, c: float) -> tuple[Mapping[str, Any], ...]:

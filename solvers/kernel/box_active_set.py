@@ -34,7 +34,9 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from qpsolvers import Solution
 
+from solvers.adapter import Program, Stack
 from solvers.built_in import BuiltInSolver, Setting
 from solvers.core import CAPPED, bindings, padded
 from solvers.protocol import Matrix, Vector
@@ -70,23 +72,21 @@ class BoxActiveSet(BuiltInSolver):
     known = MappingProxyType({"warm": Setting(False), "most_exchanges": Setting(0, 2**31 - 1, whole=True)})
 
     core = "box"
-    pass_data = bindings.box_set_data
+    set_data = bindings.box_set_data
     run = bindings.box_solve
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
         self._warm = self.options["warm"]
 
-    def prepare(self, P: Matrix, q: Vector) -> None:
-        self.x = self.field("answer").view()
+    def build(self, p: Program, rows: Stack) -> None:
+        super().build(p, rows)
+        self.x = self.field["answer"].view()
         self.x.flags.writeable = False
-        self.field("cap").view(np.int32)[0] = self.options["most_exchanges"]
+        self.field["cap"].view(np.int32)[0] = self.options["most_exchanges"]
 
-    def run_from(self, start: Vector) -> int:
+    def run_from(self, start: Vector | None) -> int:
         return bindings.box_start(self.state, start) or bindings.box_solve(self.state, True)
-
-    def answer(self) -> Vector:
-        return self.x
 
     def loop(self) -> Callable[..., int]:
         return partial(bindings.time_box, self.state, self._warm)
@@ -94,16 +94,21 @@ class BoxActiveSet(BuiltInSolver):
     def extras(self) -> dict[str, Any]:
         """The numbers of exchanges, refinement steps and proximal steps, ``regularised`` (P is singular) and ``capped``
         (``most_exchanges`` ended the solve before the optimum)."""
-        counts = dict(zip(COUNTS, self.field("counts").view(np.int32)[: len(COUNTS)].tolist(), strict=True))
+        counts = dict(zip(COUNTS, self.field["counts"].view(np.int32)[: len(COUNTS)].tolist(), strict=True))
         return {
             **counts,
-            "regularised": bool(self.field("singular").view(np.int32)[0]),
-            "capped": self._status == CAPPED,
+            "regularised": bool(self.field["singular"].view(np.int32)[0]),
+            "capped": self._verdict == CAPPED,
         }
 
-    def data(self) -> tuple[Matrix, Vector]:
-        """P from its scaled copy, which is exact."""
-        d = self._lb.size
-        P, scale = self.field("P").reshape(d, padded(d))[:, :d] / self.field("cost"), self.field("scale")
+    def remember(self, P: Matrix | None, q: Vector, x: Vector) -> None:
+        """The state has them."""
+
+    def solution(self) -> Solution:
+        """With P from its scaled copy, which is exact."""
+        self._require(self._missing)
+        p, d = self.program, self.program.d
+        P, scale = self.field["P"].reshape(d, padded(d))[:, :d] / self.field["cost"], self.field["scale"]
         unit = np.divide(1.0, scale, out=np.zeros(d), where=scale > 0)  # 0 for a zero row
-        return P * unit * unit[:, None], self.field("raw_q").copy()
+        p.P[:], p.q[:] = P * unit * unit[:, None], self.field["raw_q"]
+        return super().solution()

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from answered_pairs import pair
 from programs import solver_class
-from qpsolvers import Problem
 
 import solvers
 from bench.problems.protocol import CertifiedForm
@@ -118,10 +117,3 @@ def test_some_rung_reaches_a_billionth_on_two_problems(entry: Entry) -> None:
         if best <= 1e-9:
             break
     assert best <= 1e-9
-
-
-def test_a_problem_without_variables_is_refused_alike_by_all() -> None:
-    nothing = np.zeros(0)
-    for entry in solvers.available():
-        with pytest.raises(Unsupported, match="without variables"):
-            entry.load()().setup(Problem(np.zeros((0, 0)), nothing, lb=nothing, ub=nothing))

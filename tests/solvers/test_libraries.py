@@ -22,7 +22,7 @@ from scipy.sparse import csc_matrix, csr_matrix
 import solvers
 from solvers import Lane, Solver, Unsupported, cvxpy_lane, qpsolvers_lane
 from solvers.cvxpy_lane import CvxpySolver, square_root
-from solvers.registry import Entry
+from solvers.registry import FAMILIES
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,6 @@ BEHIND = {
     "cvxopt": Stated(5e-3),
 }
 LANES = {Lane.QPSOLVERS: qpsolvers_lane, Lane.CVXPY: cvxpy_lane}
-"""Without free: qpsolvers hands a problem without constraints to SciPy."""
 SPREAD = (
     "clarabel",
     "daqp",
@@ -84,6 +83,7 @@ SPREAD = (
     "scs",
 )
 """Solvers that are also tested with variables of very different size."""
+COMPILED = ("daqp", "quadprog")
 WARM = ("daqp", "osqp", "proxsuite", "qpalm", "scipy_lbfgsb", "scs")
 ADAPTING = ("osqp", "scs")
 """Solvers that keep the penalty adapted by the last solve."""
@@ -110,7 +110,7 @@ def stated(lane: Lane, name: str) -> Stated:
 
 ALL: list[Case] = [
     *((Lane.DIRECT, name) for name in DIRECT),
-    *((lane, name) for lane, module in LANES.items() for name in module.BACKENDS),
+    *((lane, name) for lane, names in FAMILIES.items() for name in names),
 ]
 QUICK = [case for case in ALL if case[1] != "qpax"]
 """qpsolvers has JAX trace qpax anew at every call, which takes about a second."""
@@ -118,7 +118,7 @@ TAKEN = [
     (*case, form)
     for case in ALL
     for form in stated(*case).forms
-    if (case[0] is Lane.DIRECT or (form != "free" and (case in QUICK or form == "rows")))
+    if (case[0] is Lane.DIRECT or case in QUICK or form == "rows")
 ]
 
 
@@ -128,6 +128,9 @@ def parts(cases: Iterable[tuple[Any, ...]]) -> list[Any]:
 
 
 each_library = pytest.mark.parametrize(("lane", "name"), parts(QUICK))
+each_solver = pytest.mark.parametrize(
+    ("lane", "name"), [*parts(QUICK), *((entry.lane, entry.name) for entry in solvers.entries() if entry.times_itself)]
+)
 each_direct = pytest.mark.parametrize("name", parts((name,) for name in DIRECT))
 each_common = pytest.mark.parametrize("name", SPREAD)
 
@@ -139,12 +142,7 @@ def sizes(lane: Lane, name: str, form: str) -> tuple[int, ...]:
 
 
 def make(lane: Lane, name: str, tolerance: float | None = 1e-6, **settings: Any) -> Solver:
-    if lane is Lane.DIRECT:
-        cls = solver_class(Entry(name, lane, f"solvers.direct.{name}"))
-    elif name in LANES[lane].INSTALLED:
-        cls = LANES[lane].make(name)
-    else:
-        pytest.skip(f"{name!r} is not installed, or {lane} does not find it")
+    cls = solver_class(solvers.find(name, lane))
     return cls(**{**asking(cls, tolerance), **settings})
 
 
@@ -156,7 +154,8 @@ def ready(lane: Lane, name: str, problem: Problem, tolerance: float | None = 1e-
 
 def richest(lane: Lane, name: str) -> str:
     """The form with rows, or the one that every solver takes."""
-    return "rows" if (lane, name, "rows") in TAKEN else "one-sided"
+    rows = (lane, name, "rows") in TAKEN or (lane is Lane.KERNEL and name in COMPILED)
+    return "rows" if rows else "one-sided"
 
 
 @pytest.mark.parametrize(("lane", "name", "form"), parts(TAKEN))
@@ -231,7 +230,7 @@ def test_exact_zeros_of_P_may_appear_and_vanish(name: str, sparse: bool) -> None
         np.testing.assert_allclose(solver.solve(), expected, atol=2.0 * DIRECT[name].mid, rtol=0)
 
 
-@each_library
+@each_solver
 def test_an_answer_is_that_of_the_last_data_whatever_was_solved_before_and_a_solution_outlives_the_next_solve(
     lane: Lane, name: str
 ) -> None:
@@ -255,7 +254,7 @@ def test_an_answer_is_that_of_the_last_data_whatever_was_solved_before_and_a_sol
 
 
 @pytest.mark.parametrize("layout", [strided_and_locked, np.asfortranarray])
-@each_library
+@each_solver
 def test_arrays_handed_in_are_read_in_any_layout_and_neither_written_nor_kept(
     lane: Lane, name: str, layout: Any
 ) -> None:
@@ -278,7 +277,7 @@ def test_arrays_handed_in_are_read_in_any_layout_and_neither_written_nor_kept(
     assert problem.error(solver.solve(), 1) <= error
 
 
-@each_library
+@each_solver
 def test_sparse_matrices_have_the_answer_of_dense_ones(lane: Lane, name: str) -> None:
     problem = pair(richest(lane, name), 7)
     for form in (csc_matrix, csr_matrix):
@@ -359,10 +358,10 @@ def test_a_start_keeps_the_answer_helps_if_the_class_declares_it_and_has_no_late
         assert counts[2] < counts[1]
 
 
-@each_common
-def test_a_setting_that_a_library_does_not_have_is_refused(name: str) -> None:
-    solver = make(Lane.DIRECT, name, no_such_setting=1)
-    with pytest.raises((AttributeError, TypeError, ValueError), match="no_such_setting"):
+@pytest.mark.parametrize(("lane", "name"), [*product([Lane.DIRECT], SPREAD), *product([Lane.KERNEL], COMPILED)])
+def test_a_setting_that_a_library_does_not_have_is_refused(lane: Lane, name: str) -> None:
+    solver, named = make(lane, name, no_such_setting=1), f"{name * (lane is Lane.KERNEL)}.*no_such_setting"
+    with pytest.raises((AttributeError, TypeError, ValueError), match=named):
         solver.setup(pair("one-sided", 3).problems[0])
 
 
@@ -412,11 +411,10 @@ def test_a_library_that_does_not_load_is_absent_in_silence(tmp_path: Path) -> No
     assert (done.stdout, done.stderr) == ("False\n", "")
 
 
-def test_qpsolvers_refuses_what_it_would_hand_to_scipy() -> None:
-    for name in qpsolvers_lane.HANDED_TO_SCIPY & set(qpsolvers_lane.INSTALLED):
-        for problem in (Problem(np.eye(2), np.ones(2)), Problem(np.eye(2), np.ones(2), lb=np.full(2, -np.inf))):
-            with pytest.raises(Unsupported, match=name):
-                ready(Lane.QPSOLVERS, name, problem)
+def test_an_unknown_solver_is_refused_without_an_import_of_cvxpy() -> None:
+    program = "import sys, solvers\ntry:\n    solvers.find('nope')\nexcept KeyError:\n    print('cvxpy' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"
 
 
 def test_cvxpy_compiles_the_problem_once_since_it_is_dpp_and_reports_the_time_of_the_library() -> None:
