@@ -62,6 +62,8 @@ class BuiltInSolver(Adapter):
     """The one that solves, warm or cold; a status."""
     _warm = False
     state: Any = None
+    field: Mapping[str, Vector]
+    """Views of the fields of the state, by their names in ``bindings_*.c``."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
@@ -80,10 +82,6 @@ class BuiltInSolver(Adapter):
     def extras(self) -> dict[str, Any]:
         """What ``solution`` says beyond answer and status."""
 
-    def field(self, name: str) -> Vector:
-        """A view of a field of the state, by its name in ``bindings_*.c``."""
-        return self._fields[name]
-
     def build(self, p: Program, rows: Stack) -> None:
         """Allocate the state, and take bounds and data."""
         size, begin, offsets = (
@@ -92,7 +90,7 @@ class BuiltInSolver(Adapter):
         self.state = block(size(p.d))
         require(begin(self.state, p.lb, p.ub), f"{self.name}: ")
         require(self.set_data(self.state, p.P, p.q), f"{self.name}: ", P=p.P, q=p.q)
-        self._fields = field_views(self.state, offsets(self.state))
+        self.field = field_views(self.state, offsets(self.state))
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
         """Take new P or q of the same shape; ValueError as in ``setup``, after which the solver may not be ready."""

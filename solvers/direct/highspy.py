@@ -19,6 +19,8 @@ import numpy as np
 
 from solvers.adapter import LibrarySolver, Matrix, Program, Report, Stack, Triangle, Vector, csc_matrix
 
+INF = np.full(1, np.inf)
+
 
 class Highspy(LibrarySolver):
     """The library's ``Highs``."""
@@ -33,7 +35,9 @@ class Highspy(LibrarySolver):
         self._time_limit_s: float = options.pop("time_limit", 5.0)
         for option, value in options.items():
             self._check(self._highs.setOptionValue(option, value), f"take the option {option} = {value!r}")
-        R, below, above = general_rows(p)
+        # The quadratic solver ends in "Solve error" without rows.
+        sides = (p.R[p.general], p.l[p.general], p.u[p.general]) if p.u.size > p.d else (np.zeros((1, p.d)), -INF, INF)
+        R, (below, above) = csc_matrix(sides[0]), sides[1:]
         columns, rowwise = (p.q, p.lb, p.ub), (below, above, R.indptr, R.indices, R.data)
         sizes = p.d, R.shape[0], R.nnz, highspy.MatrixFormat.kColwise.value, highspy.ObjSense.kMinimize.value, 0.0
         status = self._highs.passModel(*sizes, *columns, *rowwise, np.zeros(p.d, dtype=np.int32))
@@ -67,11 +71,3 @@ class Highspy(LibrarySolver):
         return Report(
             status == optimal, w, highs.modelStatusToString(status), highs.getInfo().qp_iteration_count, reported_us
         )
-
-
-def general_rows(p: Program) -> tuple[csc_matrix, Vector, Vector]:
-    """Rows l ≤ R x ≤ u as R, l, u; if there are none, a row of zeros between −∞ and ∞, since the quadratic solver ends
-    in "Solve error" without rows."""
-    if p.u.size > p.d:
-        return csc_matrix(p.R[p.general]), p.l[p.general], p.u[p.general]
-    return csc_matrix((1, p.d)), np.array([-np.inf]), np.array([np.inf])

@@ -81,9 +81,9 @@ class BoxActiveSet(BuiltInSolver):
 
     def build(self, p: Program, rows: Stack) -> None:
         super().build(p, rows)
-        self.x = self.field("answer").view()
+        self.x = self.field["answer"].view()
         self.x.flags.writeable = False
-        self.field("cap").view(np.int32)[0] = self.options["most_exchanges"]
+        self.field["cap"].view(np.int32)[0] = self.options["most_exchanges"]
 
     def run_from(self, start: Vector | None) -> int:
         return bindings.box_start(self.state, start) or bindings.box_solve(self.state, True)
@@ -94,10 +94,10 @@ class BoxActiveSet(BuiltInSolver):
     def extras(self) -> dict[str, Any]:
         """The numbers of exchanges, refinement steps and proximal steps, ``regularised`` (P is singular) and ``capped``
         (``most_exchanges`` ended the solve before the optimum)."""
-        counts = dict(zip(COUNTS, self.field("counts").view(np.int32)[: len(COUNTS)].tolist(), strict=True))
+        counts = dict(zip(COUNTS, self.field["counts"].view(np.int32)[: len(COUNTS)].tolist(), strict=True))
         return {
             **counts,
-            "regularised": bool(self.field("singular").view(np.int32)[0]),
+            "regularised": bool(self.field["singular"].view(np.int32)[0]),
             "capped": self._verdict == CAPPED,
         }
 
@@ -108,7 +108,7 @@ class BoxActiveSet(BuiltInSolver):
         """With P from its scaled copy, which is exact."""
         self._require(self._missing)
         p, d = self.program, self.program.d
-        P, scale = self.field("P").reshape(d, padded(d))[:, :d] / self.field("cost"), self.field("scale")
+        P, scale = self.field["P"].reshape(d, padded(d))[:, :d] / self.field["cost"], self.field["scale"]
         unit = np.divide(1.0, scale, out=np.zeros(d), where=scale > 0)  # 0 for a zero row
-        p.P[:], p.q[:] = P * unit * unit[:, None], self.field("raw_q")
+        p.P[:], p.q[:] = P * unit * unit[:, None], self.field["raw_q"]
         return super().solution()
