@@ -50,7 +50,7 @@ class Backend:
     algorithm: str
     licence: str
     distribution: str
-    """See :class:`solvers.protocol.Entrant`."""
+    """See :class:`solvers.protocol.Solver`."""
     tolerances: Mapping[str, Tolerance] = field(default_factory=dict)
     """The settings that differ between rungs, as functions of c and k."""
     exponents: tuple[float, ...] = ()

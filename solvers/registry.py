@@ -97,7 +97,7 @@ class Described:
     defaults: Mapping[str, Any] = field(default_factory=dict)
     """Settings that always apply."""
     exponents: tuple[float, ...] = ()
-    """Exponents of the rungs, see :class:`solvers.protocol.Entrant`."""
+    """Exponents of the rungs, see :class:`solvers.protocol.Solver`."""
     absent: str = ""
     """Why the solver is absent, or empty."""
 

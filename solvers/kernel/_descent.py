@@ -16,8 +16,10 @@ class ProjectedGradient(BuiltInSolver):
     box."""
 
     core = "descent"
-    steps: ClassVar[str]
-    """Name of the compiled steps, <steps>_steps, and of the loop that times them, time_<steps>."""
+    take_steps: ClassVar[Callable[..., int]]
+    """The compiled steps."""
+    timed_loop: ClassVar[Callable[..., int]]
+    """The compiled loop that times ``update`` and ``solve``."""
     without_test = -1.0
     """The tolerance that the compiled steps take for none."""
 
@@ -44,14 +46,14 @@ class ProjectedGradient(BuiltInSolver):
         """Take the steps from the projection of ``start``, or of 0. An answer is exactly at a bound if the scaled one
         is."""
         bindings.descent_start(self.state, start)
-        getattr(bindings, f"{self.steps}_steps")(self.state, *self._limits)
+        type(self).take_steps(self.state, *self._limits)
         bindings.descent_answer(self.state)
         self.x = self.field["answer"].copy()
         self.x.setflags(write=False)
         return OK if self.field["met"].view(np.int32)[0] else CAPPED
 
     def loop(self) -> Callable[..., int]:
-        return partial(getattr(bindings, f"time_{self.steps}"), self.state, *self._rule, *self._limits)
+        return partial(type(self).timed_loop, self.state, *self._rule, *self._limits)
 
     def extras(self) -> dict[str, Any]:
         """The number of steps and the step size."""

@@ -11,6 +11,7 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from solvers.built_in import Setting
+from solvers.core import bindings
 from solvers.kernel._descent import ProjectedGradient
 
 
@@ -46,7 +47,8 @@ class AcceleratedProjection(ProjectedGradient):
             "diagonal_scaling": Setting(True),
         }
     )
-    steps = "accelerated"
+    take_steps = bindings.accelerated_steps
+    timed_loop = bindings.time_accelerated
 
     @classmethod
     def ladder(cls, c: float) -> tuple[Mapping[str, Any], ...]:

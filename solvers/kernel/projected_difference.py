@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from solvers.built_in import Setting
+from solvers.core import bindings
 from solvers.kernel._descent import ProjectedGradient
 
 MOST_STEPS = 2**53
@@ -61,7 +62,8 @@ class ProjectedDifference(ProjectedGradient):
             "tolerance": Setting(None),
         }
     )
-    steps = "projected"
+    take_steps = bindings.projected_steps
+    timed_loop = bindings.time_projected
 
     @classmethod
     def ladder(cls, c: float) -> tuple[Mapping[str, Any], ...]:

@@ -35,8 +35,6 @@ DEFAULT_RACE = {
 """Solvers by lane that race on what `make bench` installs."""
 NEEDS_A_SYSTEM_LIBRARY = {"proxsuite", "proxqp"}
 PROBLEM = Problem(np.diag([1.0, 2.0]), np.array([-1.0, 2.0]), lb=np.zeros(2))
-COMPILED = (*OURS.split(), "daqp", "quadprog")
-"""Solvers that release the interpreter's lock while they work on a large program."""
 COMMERCIAL = ("copt", "gurobi", "xpress")
 """Libraries that end a process in which others of them have solved before: an illegal instruction."""
 COPIES: dict[str, Callable[[object], object]] = {"copy": copy.copy, "deepcopy": copy.deepcopy, "pickle": pickle.dumps}
@@ -157,7 +155,7 @@ def keep_the_promises(name: str, lane: str) -> None:
 
 
 def share_with_threads(name: str, lane: str) -> None:
-    small = name not in COMPILED
+    small = lane != Lane.KERNEL  # whose solvers release the interpreter's lock while they work on a large program
     d, solver, refused = 6 if small else 200, solvers.get(name, lane, **SETTINGS.get(name, {})), []
     A = np.random.default_rng(0).normal(size=(2 * d, d))
     solver.setup(Problem(A.T @ A, A.T @ np.ones(2 * d), lb=np.full(d, -0.01)))
@@ -184,7 +182,7 @@ def refuse_what_is_wrong(name: str, lane: str) -> None:
     solver, fresh, told = solvers.get(name, lane), solvers.get(name, lane), []
     for what, refused in wrong(Lane(lane)):
         said = next((words for case, words in SENTENCES.items() if re.search(case, what)), "")
-        told += [f"{what}: {fault}" for fault in faults(solver, refused, said)]
+        told += [f"{what}: {fault}" for fault in faults(solver, refused, said, "setup" in what)]
         if "setup" in what and "indefinite" not in what:
             with pytest.raises((ValueError, Unsupported)):
                 refused(fresh)
@@ -218,9 +216,9 @@ def wrong(lane: Lane) -> Iterator[tuple[str, Callable[[Solver], object]]]:
     yield "setup, indefinite P", lambda s: s.setup(Problem(-P, Q[0], lb=LB))
 
 
-def faults(solver: Solver, refused: Callable[[Solver], object], said: str) -> Iterator[str]:
+def faults(solver: Solver, refused: Callable[[Solver], object], said: str, of_setup: bool) -> Iterator[str]:
     """What is wrong about a refusal, and about each of the calls that may follow it; without a sentence, the solver may
-    take the data or refuse them in its own words."""
+    take the data or refuse them in its own words. A refused ``setup`` leaves it as it was."""
     is_ready, refusals = False, (ValueError, Unsupported) if said else (Exception,)
     for name, (call, which) in FOLLOWS.items():
         if not is_ready:
@@ -239,7 +237,7 @@ def faults(solver: Solver, refused: Callable[[Solver], object], said: str) -> It
             x, is_ready = call(solver), True
         except (ValueError, Unsupported) as error:
             is_ready = isinstance(error, Unsupported)  # there is no loop
-            if not is_ready and "is not ready until" not in str(error):
+            if not is_ready and (of_setup or "is not ready until" not in str(error)):
                 yield f"then {name}: {error}"
         else:
             if x is not None and not np.allclose(x, ANSWERS[which], atol=0.05):
