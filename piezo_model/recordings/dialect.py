@@ -8,8 +8,18 @@ from dataclasses import dataclass
 from piezo_model.recordings.clock_cells import is_clock
 from piezo_model.recordings.table import Kind
 
-SEPARATORS: Mapping[str, str] = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", " ": "blanks"}
-"""Separators in the order of preference, and their names; " " means any run of blanks and tabs."""
+SEPARATORS: Mapping[str, str] = {
+    "\t": "tabs",
+    ";": "semicolons",
+    ",": "commas",
+    "|": "bars",
+    " ": "blanks",
+    ", ": "commas with blanks",
+}
+"""Separators in the order of preference, and their names; " " means any run of blanks and tabs, and ", " a comma before
+blanks, as multimeters write beside decimal commas."""
+RUNS: Mapping[str, str] = {" ": r"[ \t]+", ", ": ", +"}
+"""Separators that Arrow does not know; it gets tabs."""
 COMMENT_MARKS = ("#", "%", "//", ";", "!", "**")
 COMMENT = re.compile(rf"\s*(?:{'|'.join(map(re.escape, COMMENT_MARKS))})+\s*")
 MISSING = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---", "#value!", "missing"})
@@ -40,8 +50,8 @@ class Dialect:
     def split(self, line: str) -> list[str]:
         """Cells of a line."""
         line = line.rstrip("\r\n")
-        if self.separator == " ":
-            return line.split()
+        if self.separator in RUNS:
+            return re.split(RUNS[self.separator], line.strip())
         return [cell.strip() for cell in cells_of(line.strip(" "), self.separator)]
 
     def is_comment(self, line: str) -> bool:

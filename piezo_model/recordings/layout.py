@@ -10,12 +10,14 @@ from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 
 from piezo_model.recordings.dialect import COMMENT, SEPARATORS, Dialect, cells_of
 from piezo_model.recordings.stated_period import period_in
 from piezo_model.recordings.table import Column, Kind
 from piezo_model.units import canonical
 
+SPACED = Dialect(", ", ",")
 REMARKS_BELOW_HEADER = 2
 WORTH: Mapping[Kind, float] = {"number": 1.0, "clock": 1.0, "flag": 0.3, "empty": 0.0, "text": -0.5}
 """Score of a cell by its kind."""
@@ -59,22 +61,35 @@ def layout_of(lines: Sequence[str], decimal: str | None = None, header_row: int 
     """
     first = header_row or 0
     quoted = any('"' in line for line in lines)
-    dialects = [
-        Dialect(separator, mark)
-        for separator in SEPARATORS
-        for mark in ([decimal] if decimal else ".,")
-        if quoted or (separator, mark) != (",", ",")
-    ]
+    lines, stated = _without_settings(lines)
+    spaced = decimal != "." and not quoted and _has_spaced_commas(lines[first:])
+    dialects = (
+        [SPACED]
+        if spaced
+        else [
+            Dialect(separator, mark)
+            for separator in SEPARATORS
+            for mark in ([decimal] if decimal else ".,")
+            if separator != SPACED.separator and (quoted or (separator, mark) != (",", ","))
+        ]
+    )
     score, dialect, rows = max((_score(dialect, lines, first) for dialect in dialects), key=lambda scored: scored[0])
     if score <= 0:
         return None
     cells = [dialect.split(lines[k]) for k in rows]
     kinds = _kinds(dialect, cells)
-    good = (k for k, row in zip(rows, cells, strict=True) if _fits(dialect, row, kinds))
+    good = (
+        k
+        for k, row in zip(rows, cells, strict=True)
+        if all(
+            kind not in ("number", "clock") or dialect.kind(cell) in (kind, "empty")
+            for cell, kind in zip(row, kinds, strict=True)
+        )
+    )
     start = _with_damaged_rows(dialect, lines, next(good, rows[0]), kinds, first)
     layout = _headed(lines, dialect, start, kinds, header_row)
     beside = _named_by_settings(cells[:SETTINGS], kinds)
-    period, unread = period_in(lines[: layout.start if layout.header is None else layout.header])
+    period, unread = period_in([*lines[: layout.start], *stated])
     return replace(
         layout,
         unread_period=unread,
@@ -82,6 +97,31 @@ def layout_of(lines: Sequence[str], decimal: str | None = None, header_row: int 
         remarks=frozenset(map(as_remark, filter(partial(_is_text, dialect), lines[max(0, start - REMARKS) : start]))),
         quoted=quoted,
     )
+
+
+def _has_spaced_commas(lines: Sequence[str]) -> bool:
+    """Whether commas before blanks separate cells, and all others are decimal marks; not if a header has as many names
+    as there are cells between commas of any kind."""
+    rows = [line.strip() for line in lines if re.search(r"\d,\d", line)]
+    widths = {len(line.split(",")) for line in lines if "," in line and line.strip() not in rows}
+    cells = [cell for row in rows for cell in SPACED.split(row)]
+    return (
+        2 * len(rows) > len(lines)
+        and all(", " in row and len(row.split(",")) not in widths for row in rows)
+        and all(SPACED.kind(cell) == "number" for cell in cells if "," in cell)
+        and not any(re.fullmatch(r"[+-]?\d*\.\d+", cell) for cell in cells)
+    )
+
+
+def _without_settings(lines: Sequence[str]) -> tuple[Sequence[str], list[str]]:
+    """Lines without the start and increment of the times, which an oscilloscope writes right of names and units (Rigol
+    DS), and the increment as a remark would state it."""
+    for k, (names, units) in enumerate(pairwise(lines[:SETTINGS])):
+        named = re.fullmatch(r"(X.*)([,;\t]) ?Start\2 ?Increment\2?\s*", names, re.IGNORECASE)
+        below = named and re.fullmatch(r"(.*?)@([^@]+)@([^@]+)@?\s*".replace("@", named[2]), units)
+        if named and below:
+            return [*lines[:k], named[1], below[1], *lines[k + 2 :]], [f"dt = {below[3]}"]
+    return lines, []
 
 
 def as_remark(line: str) -> str:
@@ -131,14 +171,6 @@ def _kinds(dialect: Dialect, rows: Sequence[Sequence[str]]) -> tuple[Kind, ...]:
     return tuple(commonest(Counter(map(dialect.kind, column))) for column in zip(*rows, strict=True))
 
 
-def _fits(dialect: Dialect, cells: Sequence[str], kinds: Sequence[Kind]) -> bool:
-    return all(
-        dialect.kind(cell) in (kind, "empty")
-        for cell, kind in zip(cells, kinds, strict=True)
-        if kind in ("number", "clock")
-    )
-
-
 def _with_damaged_rows(dialect: Dialect, lines: Sequence[str], start: int, kinds: Sequence[Kind], first: int) -> int:
     """Include the lines above the first good row that are damaged rows and not a header: some of their cells are
     numbers."""
@@ -186,8 +218,7 @@ def _headed(
         return Layout(dialect, above[-1], _columns(glued[0], none, kinds), above[-1], glued=glued[1])
     if not headed:
         return Layout(dialect, start, _columns(none, none, kinds))
-    with_units = len(headed) > 1 and _all_units(headed[-1][1])
-    units = headed.pop()[1] if with_units else none
+    units = headed.pop()[1] if len(headed) > 1 and _all_units(headed[-1][1]) else none
     at, names = headed[-1] if header_row is None else headed[0]
     return Layout(dialect, start, _columns(names, units, kinds), at)
 
@@ -214,7 +245,7 @@ def _glued(dialect: Dialect, line: str, kinds: Sequence[Kind]) -> tuple[tuple[st
 def _all_units(cells: Sequence[str]) -> bool:
     """Whether a row below the names holds units: one that is known, and others that are, or are in brackets, or are
     short where most are known."""
-    known = [bool(canonical(cell)) or cell.strip("[]() ").lower() in ("", "-", "1") for cell in cells]
+    known = [bool(canonical(cell)) or cell.strip("[]() ").lower() in ("", "-", "1", "sequence") for cell in cells]
     bracketed = [
         known_cell or bool(re.fullmatch(r"[\[(].*[\])]", cell)) for cell, known_cell in zip(cells, known, strict=True)
     ]
@@ -234,8 +265,10 @@ def _names(dialect: Dialect, line: str, kinds: Sequence[Kind]) -> list[str] | No
         cells = [cell.strip().strip('"').strip() for cell in parts]
         if len(cells) == width + 1 > 2:  # a separator at the end, or LabVIEW's comment that no row has
             cells = cells[:-1]
-        if len(cells) == width - 1 > 1:  # rows end in a separator, or start with an index
-            cells = [*cells, ""] if kinds[-1] == "empty" else ["", *cells]
+        if 1 < len(cells) < width and set(kinds[len(cells) :]) == {"empty"}:  # rows end in separators
+            cells = [*cells, *[""] * (width - len(cells))]
+        elif len(cells) == width - 1 > 1:  # rows start with an index
+            cells = ["", *cells]
         if len(cells) == width and not any(dialect.kind(cell) in ("number", "clock") for cell in cells):
             return cells
     return None

@@ -32,8 +32,9 @@ TIME_WORDS = (
     "second",
     "sec",
 )
-SETPOINTS = "reference ref desired target setpoint set commanded command cmd soll sollwert demand"
-SETPOINT_WORDS = frozenset(SETPOINTS.split())
+SETPOINT_WORDS = frozenset(
+    re.split(" ", "reference ref desired target setpoint set commanded command cmd soll sollwert demand")
+)
 """A setpoint is never the output, and the input only if nothing else is."""
 VOTES: Mapping[str, int] = {
     word: vote
@@ -49,11 +50,13 @@ VOTES: Mapping[str, int] = {
     }.items()
     for word in words.split()
 }
-OTHERS = (
-    "temperature temp humidity pressure index sample samples nr number error err power segment state status trigger "
-    "flag frequency force current charge row scan sequence"
+OTHER_WORDS = frozenset(
+    re.split(
+        " ",
+        "temperature temp humidity pressure index sample samples no nr number error err power segment state status "
+        "trigger flag frequency force current charge row scan sequence",
+    )
 )
-OTHER_WORDS = frozenset(OTHERS.split())
 """Words for columns beside drive and sensor."""
 KINDS = {"text": " (text)", "flag": " (flags)", "empty": " (empty)"}
 NO_CLOCK = "none"
@@ -260,13 +263,18 @@ def _find_reference(search: _Search, clockless: bool) -> None:
 def _find_signals(search: _Search) -> None:
     columns = search.table.columns
     signals = [k for k in search.free() if columns[k].kind == "number" and _time_rank(columns[k]) is None]
-    likely = [k for k in signals if words_of(columns[k]).isdisjoint(OTHER_WORDS) or vote(columns[k])]
+    likely = [
+        k
+        for k in signals
+        if columns[k].unit.casefold() not in OTHER_WORDS
+        and (words_of(columns[k]).isdisjoint(OTHER_WORDS) or vote(columns[k]))
+    ]
     _find_signals_by_name(search, likely)
     if {"input", "output"} <= search.assigned.keys():
         return
     _find_time_by_values(search)
     profiled = {k: profile for k, profile in search.free_profiles().items() if k in signals}
-    varying = [k for k, profile in profiled.items() if profile.high > profile.low and not profile.counts]
+    varying = [k for k, profile in profiled.items() if profile.varies and not profile.counts]
     likely = [k for k in likely if k in varying]
     _find_signals_by_name(search, likely)
     for group in (likely, varying):
@@ -287,8 +295,7 @@ def _find_signals_by_name(search: _Search, likely: Sequence[int]) -> None:
 
 
 def _question(table: Table, missing: Sequence[str]) -> str:
-    options = [f"--{role}" for role in missing]
-    way_out = f"name {'it' if len(missing) == 1 else 'them'} with {' and '.join(options)}"
+    way_out = f"name {'it' if len(missing) == 1 else 'them'} with {' and '.join(f'--{role}' for role in missing)}"
     if list(missing) == ["time"]:
         way_out = "name it with --time, or say --sample-time or --sample-rate if there is none"
         if table.unread_period:

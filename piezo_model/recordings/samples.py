@@ -57,8 +57,9 @@ def _sampling(rows: Rows, seconds: float, period: float, options: ReadOptions) -
     """The sampling period of the times, and their rounding, without rows that only repeat the one before; that which is
     known for rows without times."""
     if rows.length < 2:
-        counted = "1 data row" if rows.length else "no data rows"
-        raise RecordingError(f"{rows.path}: has {counted}, and a recording needs two")
+        raise RecordingError(
+            f"{rows.path}: has {'1 data row' if rows.length else 'no data rows'}, and a recording needs two"
+        )
     if rows.times is None:
         return period, 0.0
     try:

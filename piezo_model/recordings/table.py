@@ -75,8 +75,7 @@ class Column:
 class Profile(NamedTuple):
     """What the values of a column tell where its name does not, values apart that are missing or absurd."""
 
-    low: float
-    high: float
+    varies: bool
     rises: bool
     """Never falls, and is not constant."""
     counts: bool
@@ -90,8 +89,12 @@ def _profile(values: Vector) -> Profile:
     known = known if known.size > 1 else np.zeros(2)
     steps = np.diff(known)
     least, most = float(steps.min()), float(steps.max())
-    even = most - least <= 0.5 * float(steps.mean())
-    return Profile(float(known.min()), float(known.max()), least >= 0.0 < most, least == most == 1.0, even)
+    return Profile(
+        float(known.max()) > float(known.min()),
+        least >= 0.0 < most,
+        least == most == 1.0,
+        most - least <= 0.5 * float(steps.mean()),
+    )
 
 
 @dataclass(frozen=True)

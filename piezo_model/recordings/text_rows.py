@@ -16,7 +16,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.csv as arrow_csv
 
-from piezo_model.recordings.dialect import COMMENT_MARKS, FLAGS, NULLS
+from piezo_model.recordings.dialect import COMMENT_MARKS, FLAGS, NULLS, RUNS
 from piezo_model.recordings.formats.arrow import array_of
 from piezo_model.recordings.layout import Layout, as_remark
 from piezo_model.recordings.table import RecordingError, first_line
@@ -56,7 +56,7 @@ class TextRows:
         options = (
             arrow_csv.ReadOptions(use_threads=False, column_names=keys, block_size=LARGEST_BLOCK),
             arrow_csv.ParseOptions(
-                delimiter="\t" if dialect.separator == " " else dialect.separator,
+                delimiter="\t" if dialect.separator in RUNS else dialect.separator,
                 quote_char='"' if layout.quoted else False,
             ),
             arrow_csv.ConvertOptions(
@@ -168,8 +168,8 @@ class TextRows:
                 block = QUOTED.sub(lambda cell: group.sub("", cell[0]), block)
             else:
                 block = group.sub("", block)
-        if dialect.separator == " ":
-            block = re.sub(r"[ \t]+", "\t", MARGINS.sub("", block))
+        if run := RUNS.get(dialect.separator):
+            block = re.sub(run, "\t", MARGINS.sub("", block))
         return block.encode()
 
 

@@ -81,6 +81,22 @@ FILES: dict[str, tuple[bytes | str, dict]] = {
     "decimal comma": (f"time_s;voltage_V;height_um\n{rows('{t};{x};{y}', decimal=',')}", {}),
     "decimal comma and tabs": (HEADER.replace(",", "\t") + rows("{t}\t{x}\t{y}", decimal=","), {}),
     "decimal comma and blanks": (f"time voltage height\n{rows('{t}   {x} {y}', decimal=',')}", {}),
+    "decimal commas between commas": (
+        f"Time, Drive, Unit, Value, Unit\n{rows('{t}, {x}, V, {y}, um', decimal=',')}",
+        {},
+    ),
+    "oscilloscope's increment": (
+        f"X,Drive,CH2,Start,Increment,\nSequence,Volt,Volt,-6e-2,{1 / RATE:.9e},\n{rows('{i},{x},{y},,,')}",
+        {"output": "CH2"},
+    ),
+    "oscilloscope's narrow rows": (
+        f"X,Drive,CH2,Start,Increment\nSequence,Volt,Volt,-6e-2,{1 / RATE:.9e}\n{rows('{i},{x},{y},')}",
+        {"output": "CH2"},
+    ),
+    "increment in the header": (
+        f"X,Drive,Sensor,t0 = -0.4s, tInc = {1 / RATE:.9f}s\n{rows('{i},{x},{y},,')}",
+        {},
+    ),
     "decimal comma in quotes": (f'"time_s","voltage_V","height_um"\n{rows(QUOTED, decimal=",")}', {}),
     "blanks": (f"Time (s)  Piezo voltage (V)  Height (um)\n{rows('  {t}   {x}  {y}  ')}", {}),
     "repeated header": (HEADER + rows("{t},{x},{y}").replace("\n", "\n" + HEADER, 1), {}),

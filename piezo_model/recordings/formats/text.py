@@ -97,11 +97,12 @@ def _encoding(path: Path, head: bytes) -> tuple[str, int]:
 
 def _no_table(lines: Sequence[str]) -> str:
     written = [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
-    if not written:
-        return "holds no table, only blank or comment lines"
-    if len(written) == 1:
-        return "has a header and no data rows"
-    return "holds no rows of numbers in its first lines; --header-row says which row names the columns"
+    sentences = (
+        "holds no table, only blank or comment lines",
+        "has a header and no data rows",
+        "holds no rows of numbers in its first lines; --header-row says which row names the columns",
+    )
+    return sentences[min(len(written), 2)]
 
 
 def _refuse_ambiguous_commas(path: Path, lines: Sequence[str], layout: Layout) -> None:
