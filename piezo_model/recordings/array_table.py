@@ -16,10 +16,12 @@ from piezo_model.recordings.table import (
     Table,
     check_sample_time,
     check_size,
+    printable,
 )
 
 MOST_AXES = 3
-"""Most columns of two matrices that are axes of one stage; more of them are recordings."""
+"""Most columns of two matrices that are axes of one stage; more of them are recordings. As many unread arrays are
+named."""
 
 
 class Arrays(NamedTuple):
@@ -52,9 +54,8 @@ def table_of(path: Path, found: Arrays) -> Table:
     arrays, form = found.arrays, found.form
     if batch := _batch_of(arrays, read):
         shape, in_rows = batch
-        length, many = shape[in_rows], shape[not in_rows]
         arrays = {name: _joined(np.squeeze(array), shape, in_rows) for name, array in read(arrays).items()}
-        form = f"{form}, a batch of {many} recordings of {length} samples"
+        form = f"{form}, a batch of {shape[not in_rows]} recordings of {shape[in_rows]} samples"
     columns, places = [], []
     for name, array in arrays.items():
         period = found.periods.get(name) if isinstance(found.periods, Mapping) else found.periods
@@ -63,13 +64,30 @@ def table_of(path: Path, found: Arrays) -> Table:
         if not isinstance(array, np.ndarray):  # only shape and type are known
             array = np.broadcast_to(np.empty((), array.dtype), array.shape)
         for label, values in _columns(name, array):
-            more: dict[str, Any] = {"kind": KINDS[values.dtype.kind], "rows": len(values), "sample_time": period}
-            columns.append(Column.named(label, found.units.get(name, ""), nested=found.nested, **more))
+            columns.append(
+                Column.named(
+                    label,
+                    found.units.get(name, ""),
+                    nested=found.nested,
+                    kind=KINDS[values.dtype.kind],
+                    rows=len(values),
+                    sample_time=period,
+                )
+            )
             places.append((name, label))
             if len(columns) > MOST_COLUMNS:
                 raise RecordingError(f"{path}: has more than {MOST_COLUMNS} columns, and no recording has")
+    unread = [
+        f"{printable(name or 'array')!r} ({' x '.join(map(str, array.shape)) or 'one value'}, {array.dtype.name})"
+        for name, array in arrays.items()
+        if all(name != of for of, _ in places) and (array.ndim > 2 or array.dtype.kind == "c")
+    ][:MOST_AXES]
     if not columns:
-        raise RecordingError(f"{path}: is {form} without a column of numbers")
+        raise RecordingError(
+            f"{path}: is {form} without a column of numbers"
+            + f"; it holds {', '.join(unread)}, save real arrays of one axis, or of rows and columns" * bool(unread)
+        )
+    form += f", without {', '.join(unread)}" * bool(unread)
 
     def batches(at: Sequence[int]) -> Iterator[Sequence[Any]]:
         chosen = read(places[k][0] for k in at)
@@ -116,6 +134,5 @@ def _columns(name: str, array: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
     elif array.dtype.kind in KINDS and flat.ndim == 1 and array.size > 1:
         yield name or "column 1", flat
     elif array.dtype.kind in KINDS and flat.ndim == 2:
-        long = flat if flat.shape[0] >= flat.shape[1] else flat.T
-        for k in range(long.shape[1]):
-            yield f"{name}/{k + 1}" if name else f"column {k + 1}", long[:, k]
+        for k, column in enumerate(flat.T if flat.shape[0] >= flat.shape[1] else flat, start=1):
+            yield f"{name}/{k}" if name else f"column {k}", column

@@ -354,10 +354,32 @@ def test_a_file_that_was_read_can_be_written_again(tmp_path: Path) -> None:
         assert recording.y_range == (values.min(), values.max())
 
 
-def test_a_file_of_another_format_is_refused_with_the_formats_that_are_read(tmp_path: Path) -> None:
-    (tmp_path / "stage.mf4").write_bytes(b"MDF     4.10    amdf8829\0\0\0\0\x9a\x01".ljust(4096, b"\0"))
-    sentence = refusal(tmp_path / "stage.mf4")
-    assert "is neither plain text nor in a format that is read: Parquet, Arrow, NumPy, HDF5, MATLAB, Excel" in sentence
+@pytest.mark.parametrize(
+    ("write", "sentence"),
+    [
+        (
+            lambda path: path.write_bytes(b"MDF     4.10    amdf8829\0\0\0\0\x9a\x01".ljust(4096, b"\0")),
+            "is neither plain text nor in a format that is read: Parquet, Arrow, NumPy, HDF5, MATLAB, Excel",
+        ),
+        *(
+            (
+                lambda path, make=make: make(path, cube=np.zeros((4, 5, 6)), spectrum=X + 1j * Y),
+                f"it holds 'cube' (4 x 5 x 6, float64), 'spectrum' ({N}, complex128), save real arrays",
+            )
+            for make in (
+                lambda path, **arrays: numpy_file(np.savez, **arrays)(path),
+                lambda path, **arrays: hdf5(arrays)(path),
+                lambda path, **arrays: scipy.io.savemat(path, arrays, appendmat=False),
+            )
+        ),
+    ],
+    ids=["another format", "NumPy", "HDF5", "MATLAB"],
+)
+def test_a_file_without_columns_is_refused_with_what_it_holds_or_what_is_read(
+    tmp_path: Path, write: Callable[[Path], object], sentence: str
+) -> None:
+    write(tmp_path / "stage.bin")
+    assert sentence in refusal(tmp_path / "stage.bin")
 
 
 @pytest.mark.parametrize("period", [0.0, -1e-3, np.nan])

@@ -64,7 +64,7 @@ def read_hdf5(path: Path) -> Arrays:
     arrays = {
         item.name.lstrip("/"): _without_texts(item) if item.dtype.hasobject else item
         for item in datasets
-        if max(item.shape or (0,)) > 1 and item.ndim <= 2 and (item.dtype.names or item.dtype.kind in "iufb")
+        if max(item.shape or (0,)) > 1 and (item.dtype.names or item.dtype.kind in "iufbc")
     }
     units = {item.name.lstrip("/"): _unit(item) for item in datasets}
     period = _stated([file, *(item.parent for item in datasets), *datasets], datasets)
@@ -181,7 +181,7 @@ def _matlab_arrays(path: str, value: Any, units: dict[str, str]) -> Iterator[tup
                 item[key] and isinstance(item[key], str) for key in item if key.lower() in NAMES
             )
             yield from _matlab_arrays(path if named else f"{path}/{k}", item, units)
-    elif np.asarray(value).dtype.kind in "iufb":
+    elif np.asarray(value).dtype.kind in "iufbc":
         yield path, np.asarray(value)
 
 
