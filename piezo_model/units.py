@@ -96,6 +96,14 @@ NO_UNITS = frozenset(
 PREFIXED = ("rad", "V", "m", "s", "A", "N")
 PREFIXES = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3}
 _PREFIX_OF = {factor: prefix for prefix, factor in PREFIXES.items()}
+_LENGTH, _SPEED = (
+    re.compile(pattern, re.IGNORECASE)
+    for pattern in (
+        r"displ|position|travel|height|stroke|deflection|elongation|extension|distance|length",
+        r"[\s_]([nmuk]?(rad|m|V)|deg)/(m|u|n)?s$",
+    )
+)
+"""Names of what is measured in inches, and units of a speed, whose seconds are not those of a time."""
 LONGEST_NAME, LONGEST_UNIT = 200, 40
 """Characters of a column's name in which a unit is looked for, and of a unit that pint is asked for."""
 _FACTOR = r"[^\W\d][\w°]*(?:(?:\^|\*\*)-?\d)?"
@@ -115,16 +123,22 @@ def split_unit(column: str) -> tuple[str, str]:
 
     >>> split_unit("displacement_um"), split_unit("Weg [µm]"), split_unit("U in V"), split_unit("height (piezo)")
     (('displacement', 'um'), ('Weg', 'um'), ('U', 'V'), ('height (piezo)', ''))
+    >>> split_unit("travel (in)"), split_unit("voltage (in)"), split_unit("omega_rad/s"), split_unit("t/s")
+    (('travel', 'inch'), ('voltage (in)', ''), ('omega_rad/s', ''), ('t', 's'))
     """
     plain = _ascii(column)
     if len(plain) > LONGEST_NAME:
         return plain, ""
     for bracketed in reversed(list(re.finditer(r"[\s_]*[\[(]([^\[\]()]*)[\])]", plain))):
-        unit = canonical(bracketed[1])
-        if unit:
+        # (in) is inches of a length, and else an input
+        if (
+            unit := "inch"
+            if bracketed[1] == "in" and _LENGTH.search(plain[: bracketed.start()])
+            else canonical(bracketed[1])
+        ):
             return (plain[: bracketed.start()] + plain[bracketed.end() :]).strip(), unit
     suffixed = re.fullmatch(r"(.+?)\s*(?:[_/,\s]|\sin\s)\s*([^\W_]+)", plain)
-    if suffixed:
+    if suffixed and not _SPEED.search(plain):
         unit = SPELLINGS.get(suffixed[2], suffixed[2])
         if unit in UNITS:
             return re.sub(r"\s+in$", "", suffixed[1]), unit
@@ -145,8 +159,7 @@ def canonical(text: str) -> str:
             return SPELLINGS[spelling]
     if not 2 <= len(plain) <= LONGEST_UNIT or plain.lower() in NO_UNITS or not COMPOUND.fullmatch(plain):
         return ""
-    unit = _parsed(plain)
-    return "" if unit is None else _ascii(f"{unit:~C}")
+    return "" if (unit := _parsed(plain)) is None else _ascii(f"{unit:~C}")
 
 
 def seconds(unit: str) -> float | None:
