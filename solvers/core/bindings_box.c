@@ -12,8 +12,8 @@ static void field_offsets(Arguments *a, const Box *s)
 {
     const Field fields[] = {
         {"answer", s->answer, s->d}, {"raw_q", s->raw_q, s->d},         {"scale", s->scale, s->d},
-        {"cost", &s->head->cost, 1}, {"P", s->P, s->d * s->ld},         {"x", s->x, s->d},
-        {"g", s->g, s->d},           {"side", s->side, (s->d + 1) / 2}, {"singular", &s->head->singular, 1},
+        {"cost", &s->head->cost, 1}, {"P", s->P, s->d * s->ld},         {"x", s->z, s->d},
+        {"g", s->grad_z, s->d},      {"side", s->side, (s->d + 1) / 2}, {"singular", &s->head->singular, 1},
         {"cap", &s->head->cap, 1},   {"counts", &s->head->exchanges, 3}};
     RETURN_FIELDS(s->head, fields);
 }

@@ -1,13 +1,34 @@
-/* The exact minimiser of   1/2 x'Px + q'x   over   lb <= x <= ub.
+/* The exact minimiser of   f(x) = 1/2 x'Px + q'x   over   lb <= x <= ub.
  *
- * box_data.c scales the data: x = r S z and the cost by c/r^2, all powers of two. S_jj brings c (S P S)_jj into
+ * Units. box_data.c scales the data: x = r S z and the cost by c/r^2, all powers of two. S_jj brings c (S P S)_jj into
  * [1/2, 2), where c is 1 or 1/2, so that a power of two times P, q or the bounds changes no bit of the scaled solve,
  * and r keeps squares within the range of the numbers. That is exact, so lb, ub and the answer are the caller's to the
  * last bit. Diagonal scaling within a factor of two of unit diagonal is within a factor of two (and d) of the best
- * condition number a diagonal can give (van der Sluis, Numer. Math. 14 (1969) 14). A variable whose row of P is zero is
- * apart: it goes to the bound that q points to. box_inverse.c inverts the scaled P, box_dual.c is the dual active set
- * method on the inverse and states what OK promises, and box_proximal.c treats singular P. A cold answer depends on the
- * data alone.
+ * condition number a diagonal can give (van der Sluis, Numer. Math. 14 (1969) 14). In the scaled problem are z, its
+ * gradient grad_z = q + P z, the bounds z_lb and z_ub, q, P and all that is derived from them; gains are of its cost.
+ * Only `answer`, raw_q, lb and ub are in the caller's units.
+ *
+ * box_solve promises, with eps the rounding unit, F the free variables and s = max(|q_F|, |z|):
+ *
+ *  1. With OK or CAPPED, the answer is inside lb and ub to the last bit. For 2 to 5, OK.
+ *  2. No free variable has a gradient: |grad_z_F| <= (d + 4) eps s/2.
+ *  3. No multiplier, grad_z of a variable at a bound, is on its wrong side by so much more than 4 d eps max(|q_j|, |z|)
+ *     that an exchange would gain more than gain_tolerance = (eps s)^2.
+ *  4. No bound was violated, before 1, so far that an exchange would gain more than that.
+ *  5. The cost before the last refinement was above its least by no more than BOX_RELATIVE_GAP |f|, or that share of
+ *     the rounding of f. A small gradient does not promise this, since the curvature may be as small as d eps.
+ *  6. If P is singular, 2 and 3 hold with the proximal term, 3 beyond 4 d eps s more, no bound is violated at all, and
+ *     5 holds for what is to be gained along the term's own gradient, at most 64 d eps s (box_proximal.c).
+ *  7. A variable whose row of P is zero is apart: it goes to the bound that q points to.
+ *  8. A cold answer depends on the data alone, and only the data decide whether there is one: a warm solve that ends
+ *     without one is followed by a cold one.
+ *  9. It refuses data that are not finite (NOT_FINITE), bounds that leave no x (CROSSED), a P that is not symmetric to
+ *     1e-9 sqrt(P_ii P_jj) (ASYMMETRIC) or has a pivot <= 0 even with the proximal term (INDEFINITE), and a cost
+ *     without a least (UNBOUNDED). Where rounding keeps it from 2 to 6, it ends with MAX_EXCHANGES or BREAKDOWN; at the
+ *     limit `cap`, with CAPPED.
+ *
+ * box_inverse.c inverts the scaled P, box_dual.c is the dual active set method on the inverse, and box_proximal.c
+ * treats singular P.
  */
 #ifndef CORE_BOX_H
 #define CORE_BOX_H
@@ -35,16 +56,16 @@ typedef struct {
 typedef struct {
     BoxHead *head;
     int d, ld;
-    real *answer, *scale, *q, *lo, *hi; /* answer in x; S, 0 for a variable apart; in z */
-    real *raw_q, *lb, *ub;              /* unscaled */
-    real *x, *g;                        /* z and its gradient q + P z */
+    real *answer, *raw_q, *lb, *ub; /* the caller's */
+    real *scale;                    /* S, 0 for a variable apart */
+    real *q, *z_lb, *z_ub, *z, *grad_z;
     /* Of box_dual.c: the basic quantity of each variable and its feasible interval; the bound of a held variable, else
      * 0; 1 for a free variable, else 0; the unit of a multiplier, else 1; W_jj, 1/|W_jj| and the gain of an exchange.
      */
     real *basic, *low, *high, *held, *is_free, *unit, *diagonal, *weight, *gain;
     real *multiplier;                  /* on the way to the next dual feasible set */
     real *inverse_pivot, *coefficient; /* 2 ld numbers, one per exchange: 1/p, and the part of a column in a product */
-    real *residual, *step;             /* g_F and P_FF^-1 g_F of a refinement */
+    real *residual, *step;             /* grad_z_F and P_FF^-1 grad_z_F of a refinement */
     real *inverse_diagonal;            /* of M */
     real *linear, *centre;             /* q - delta c and c of box_proximal.c */
     real *zero;                        /* zeros */
@@ -86,8 +107,8 @@ CORE_INLINE real box_cost(real diagonal)
 
 /* Coefficient of the proximal term if P is singular, relative to a diagonal of P of about one. */
 #define BOX_PROXIMAL ((real)1e-11)
-/* Share of the cost within which an answer is the least; with the rounding of float, what that allows. */
-#define BOX_RELATIVE_GAP ((real)(REAL_EPSILON < 1e-10 ? 1e-10 : 1e-5))
+/* Share of the cost within which an answer is the least. */
+#define BOX_RELATIVE_GAP ((real)1e-10)
 /* Scale and copy P (NULL: the copy is there already) and compute M = -P^-1; 0 if P is not symmetric to the last bit
  * or not safely positive definite. */
 CORE_API int box_invert(Box *s, const real *P);
@@ -98,20 +119,20 @@ CORE_API int box_regularise(Box *s);
 
 /* The state of a solve. */
 typedef struct {
-    const real *linear;          /* q, or q - delta c */
-    int count;                   /* columns of U */
-    int exchanges;               /* since the start */
-    int precise, strict;         /* whether g needs twice the precision; whether multipliers have no tolerance */
-    real slack;                  /* tolerance on the sign of a multiplier, if W may be large */
-    real most;                   /* the largest gain */
+    const real *linear;  /* q, or q - delta c */
+    int count;           /* columns of U */
+    int exchanges;       /* since the start */
+    int precise, strict; /* whether grad_z needs twice the precision; whether multipliers have no tolerance */
+    real slack;          /* tolerance on the sign of a multiplier, if W may be large */
+    real largest_gain;
     real primal_gain, dual_gain; /* that of holding a free variable, and of freeing one whose multiplier is wrong */
-    real rounding;               /* eps max(|q|, |x|) */
-    real negligible, tolerated;  /* gains to ignore: the square of `rounding`; the same, or 0 if W may be large */
+    real rounding;               /* eps s */
+    real gain_tolerance, violation_tolerance; /* of a multiplier, (eps s)^2; of a bound, or 0 if W may be large */
 } Search;
 
 /* Begin on -P^-1 at "all free" or, warm, at the present sides. */
 CORE_API void box_begin(Box *s, Search *search, int warm);
-/* Continue to the optimum for search->linear; OK, CAPPED, BREAKDOWN or MAX_EXCHANGES, with x and g. */
+/* Continue to the optimum for search->linear; OK, CAPPED, BREAKDOWN or MAX_EXCHANGES, with z and grad_z. */
 CORE_API int box_dual_active_set(Box *s, Search *search);
 /* The same for a singular P, from the start. */
 CORE_API int box_proximal_point(Box *s, Search *search, int warm);

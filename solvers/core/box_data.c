@@ -18,7 +18,7 @@ int64_t box_bytes(int d)
 /* clang-format off */
 /* The vectors of a state, in rows of ld entries. */
 #define BOX_PARTS(F)                                                                                                   \
-    F(answer, 1) F(scale, 1) F(q, 1) F(lo, 1) F(hi, 1) F(raw_q, 1) F(lb, 1) F(ub, 1) F(x, 1) F(g, 1) /* data */        \
+    F(answer, 1) F(scale, 1) F(q, 1) F(z_lb, 1) F(z_ub, 1) F(raw_q, 1) F(lb, 1) F(ub, 1) F(z, 1) F(grad_z, 1) /* data */\
     F(basic, 1) F(low, 1) F(high, 1) F(held, 1) F(is_free, 1) F(unit, 1) F(diagonal, 1) F(weight, 1) F(gain, 1)        \
     F(residual, 1) F(step, 1) F(inverse_diagonal, 1) F(multiplier, 1) F(linear, 1) F(centre, 1) F(zero, 1)             \
     F(sweep_scratch, 5) F(inverse_pivot, 2) F(coefficient, 2)
@@ -64,8 +64,8 @@ int box_setup(void *memory, int d, const real *lb, const real *ub)
     for (int j = 0; j < s.ld; ++j) {
         s.scale[j] = 1;
         s.inverse_diagonal[j] = s.diagonal[j] = -1;
-        s.lo[j] = s.lb[j] = -REAL_INFINITY;
-        s.hi[j] = s.ub[j] = REAL_INFINITY;
+        s.z_lb[j] = s.lb[j] = -REAL_INFINITY;
+        s.z_ub[j] = s.ub[j] = REAL_INFINITY;
     }
     if (d % 2 != 0) { /* sweeps take pairs of rows */
         real *const last = s.P + (size_t)d * (size_t)s.ld;
@@ -89,7 +89,7 @@ static real exact_root_scale(real v)
 }
 
 /* Least size of z whose squares, and those of its rounding, are safe. */
-#define LEAST_SIZE ((real)(REAL_EPSILON < 1e-10 ? 4.9e-91 : 1e-9))
+#define LEAST_SIZE ((real)4.9e-91)
 
 /* q and the bounds in the scaled variables; none for a variable apart. Their size, that of q or of the bounds that keep
  * z from 0, is left alone unless products could leave the range of the numbers. */
@@ -103,8 +103,8 @@ static void rescale(Box *s)
         const vec8 lo = maximum(mul(load(s->lb + j), inverse), sub(none, infinity)); /* 0 times infinity is NaN */
         const vec8 hi = minimum(mul(load(s->ub + j), inverse), infinity);
         store(s->q + j, q);
-        store(s->lo + j, lo);
-        store(s->hi + j, hi);
+        store(s->z_lb + j, lo);
+        store(s->z_ub + j, hi);
         size = maximum(maximum(lo, sub(none, hi)), maximum(magnitude(q), size));
     }
     const real most = largest8(size);
@@ -113,8 +113,8 @@ static void rescale(Box *s)
     for (int j = 0; !is_safe && j < s->ld; j += LANES) {
         const vec8 root = splat(s->head->root);
         store(s->q + j, mul(mul(load(s->q + j), root), root));
-        store(s->lo + j, mul(mul(load(s->lo + j), root), root));
-        store(s->hi + j, mul(mul(load(s->hi + j), root), root));
+        store(s->z_lb + j, mul(mul(load(s->z_lb + j), root), root));
+        store(s->z_ub + j, mul(mul(load(s->z_ub + j), root), root));
     }
 }
 
@@ -215,7 +215,7 @@ static void write_answer(Box *s)
 {
     const vec8 unit = splat(1 / s->head->root);
     for (int b = 0; b < s->ld; b += LANES) {
-        const vec8 scale = load(s->scale + b), x = mul(mul(mul(load(s->x + b), unit), unit), scale);
+        const vec8 scale = load(s->scale + b), x = mul(mul(mul(load(s->z + b), unit), unit), scale);
         const vec8 inside = clip(x, load(s->lb + b), load(s->ub + b));
         store(s->answer + b, where_less(zeros(), scale, inside, load(s->answer + b)));
     }
@@ -224,7 +224,7 @@ static void write_answer(Box *s)
 real box_gradient(const Box *s, int j)
 {
     const real root = s->head->root;
-    return s->scale[j] == 0 ? s->raw_q[j] : s->g[j] / root / root / (s->head->cost * s->scale[j]);
+    return s->scale[j] == 0 ? s->raw_q[j] : s->grad_z[j] / root / root / (s->head->cost * s->scale[j]);
 }
 
 real box_inverse_diagonal(const Box *s, int j)
