@@ -448,8 +448,10 @@ class CompensatorBank(Stateful):
         """Continue, to the last bit, from a file of :meth:`save`; ModelError names what is wrong with it."""
         try:
             with Path(path).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-                about = decoded(str(file["about"]), BankFile)
-                state = {name: file[name] for name in file.files if name != "about"}
+                about, state = (
+                    decoded(str(file["about"]), BankFile),
+                    {name: file[name] for name in file.files if name != "about"},
+                )
             bank = cls(about.structure, 1, threads=threads, dynamics=about.dynamics, **about.options)
             if state["core"].size != bindings.bank_bytes(*bank._shape, about.tiles, bank.block):
                 raise ValueError(

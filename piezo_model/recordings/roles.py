@@ -274,7 +274,7 @@ def _find_signals(search: _Search) -> None:
         return
     _find_time_by_values(search)
     profiled = {k: profile for k, profile in search.free_profiles().items() if k in signals}
-    varying = [k for k, profile in profiled.items() if profile.varies and not profile.counts]
+    varying = [k for k, profile in profiled.items() if profile.high > profile.low and not profile.counts]
     likely = [k for k in likely if k in varying]
     _find_signals_by_name(search, likely)
     for group in (likely, varying):

@@ -75,7 +75,8 @@ class Column:
 class Profile(NamedTuple):
     """What the values of a column tell where its name does not, values apart that are missing or absurd."""
 
-    varies: bool
+    low: float
+    high: float
     rises: bool
     """Never falls, and is not constant."""
     counts: bool
@@ -90,7 +91,8 @@ def _profile(values: Vector) -> Profile:
     steps = np.diff(known)
     least, most = float(steps.min()), float(steps.max())
     return Profile(
-        float(known.max()) > float(known.min()),
+        float(known.min()),
+        float(known.max()),
         least >= 0.0 < most,
         least == most == 1.0,
         most - least <= 0.5 * float(steps.mean()),

@@ -13,7 +13,6 @@ import plain_model
 import pytest
 from numpy.typing import NDArray
 from qpsolvers import Problem
-from soak import tile_samples
 
 import solvers
 from piezo_model import (
@@ -161,6 +160,13 @@ def test_the_weights_of_a_bank_of_one_are_those_of_plain_numpy_that_solves_at_th
     assert int(bank.counts["hand_overs"][0]) > 5
     for ours, plain in zip(weights, found[: len(weights)], strict=True):
         np.testing.assert_allclose(ours, STRUCTURE.slope_map @ plain, rtol=0, atol=1e-6)
+
+
+def tile_samples(bank: CompensatorBank) -> NDArray[np.int64]:
+    """Sample counter of each tile of a bank."""
+    offsets, block = bank._core.offsets, bank._core.block
+    at, width = offsets["mailbox"][0] + 16, 8 * offsets["driver"][1]  # behind two sizes and the delay
+    return np.array([block[at + tile * width :][:8].view(np.int64)[0] for tile in range(bank._tiles)])
 
 
 @pytest.mark.parametrize("hand_over_s", [0.1, 0.01])

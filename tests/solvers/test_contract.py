@@ -35,6 +35,8 @@ DEFAULT_RACE = {
 """Solvers by lane that race on what `make bench` installs."""
 NEEDS_A_SYSTEM_LIBRARY = {"proxsuite", "proxqp"}
 PROBLEM = Problem(np.diag([1.0, 2.0]), np.array([-1.0, 2.0]), lb=np.zeros(2))
+COMPILED = (*OURS.split(), "daqp", "quadprog")
+"""Solvers that release the interpreter's lock while they work on a large program."""
 COMMERCIAL = ("copt", "gurobi", "xpress")
 """Libraries that end a process in which others of them have solved before: an illegal instruction."""
 COPIES: dict[str, Callable[[object], object]] = {"copy": copy.copy, "deepcopy": copy.deepcopy, "pickle": pickle.dumps}
@@ -155,7 +157,7 @@ def keep_the_promises(name: str, lane: str) -> None:
 
 
 def share_with_threads(name: str, lane: str) -> None:
-    small = lane != Lane.KERNEL  # whose solvers release the interpreter's lock while they work on a large program
+    small = name not in COMPILED
     d, solver, refused = 6 if small else 200, solvers.get(name, lane, **SETTINGS.get(name, {})), []
     A = np.random.default_rng(0).normal(size=(2 * d, d))
     solver.setup(Problem(A.T @ A, A.T @ np.ones(2 * d), lb=np.full(d, -0.01)))
