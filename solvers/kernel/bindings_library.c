@@ -47,7 +47,7 @@ static void copy(double *to, const double *from, int64_t size)
 
 #define BINDINGS(F)                                                                                                    \
     F(time_library, "addresses[3]q, " TIMED, "as time_box.", NEED_D, WHOLE_RESULT = TIMED_BY(1, LIBRARY_SOLVER))       \
-    F(check_all, "P[n,d,d]?, q[n,d]", "whether each P and q is good; a status.", 0,                                     \
+    F(check_all, "P[n,d,d]?, q[n,d]", "whether each P and q is good; a status.", 0,                                    \
       WHOLE_RESULT = check(LENGTH(n), LENGTH(d), REALS(0), REALS(1)))                                                  \
     F(check_data, "like[d], P[d,d]?, q[d]?", "the same for one or none of each, of d variables.", 0,                   \
       WHOLE_RESULT = check(1, LENGTH(d), REALS(1), REALS(2)))                                                          \
