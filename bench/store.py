@@ -208,7 +208,11 @@ class Run:
 
     def rows_so_far(self) -> pd.DataFrame:
         """The rows of all finished tasks, during the race."""
-        return pa.concat_tables([part.table for part in self.parts()] or [STREAM.empty_table()]).to_pandas()
+        return (
+            pa.concat_tables([part.table for part in self.parts()] or [STREAM.empty_table()])
+            .select(ROWS.names)
+            .to_pandas()
+        )
 
     def note_machine(self) -> str:
         """Describe this machine in the run; returns what its rows have in the column ``machine``."""

@@ -47,6 +47,7 @@ NUMBERS: dict[str, Any] = {
             said["flag"] or f"--{field.name.replace('_', '-')}",
             metavar=said["metavar"],
             min=said["least"],
+            max=said["most"],
             help=f"{said['help']}; {field.default:g} by default.",
         ),
     ]

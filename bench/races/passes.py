@@ -71,7 +71,7 @@ class Part:
 
     run: Path
     name: str
-    """File name of its notes."""
+    """Name of its file, without the suffix."""
     tasks: tuple[Task, ...]
     repeat: int
     """Number of the repeat; each has fresh processes."""

@@ -13,9 +13,11 @@ from solvers import Lane
 MOST = 10**9
 
 
-def option(default: float, text: str, least: float = 0, flag: str = "", metavar: str = "N") -> Any:
-    """A number from ``least`` that is an option of the command line, under its own name or as ``flag``."""
-    return field(default=default, metadata={"help": text, "least": least, "flag": flag, "metavar": metavar})
+def option(default: float, text: str, least: float = 0, flag: str = "", metavar: str = "N", most: float = MOST) -> Any:
+    """A number from ``least`` to ``most`` that is an option of the command line, under its own name or as ``flag``."""
+    return field(
+        default=default, metadata={"help": text, "least": least, "most": most, "flag": flag, "metavar": metavar}
+    )
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,7 @@ class RaceSettings:
     """Names of the problems to race, as ``name`` or ``set/name``; empty for all."""
     seed: int = 0
     effort: Effort = field(default_factory=Effort)
-    time_limit_s: float = option(20.0, "Longest duration of a task", 0.1, "--time-limit", "SECONDS")
+    time_limit_s: float = option(20.0, "Longest duration of a task", 0.1, "--time-limit", "SECONDS", 1e6)
     memory_mb: int = option(2048, "Most memory that a solver may allocate", 16, "--memory", "MB")
     solver_files: tuple[str, ...] = ()
     repeats: int = option(1, "Number of times that each solver is measured, each in a fresh process", 1)
@@ -51,9 +53,9 @@ class RaceSettings:
     def __post_init__(self) -> None:
         """ValueError if an option is outside its range."""
         for each in fields(self):
-            if "help" in each.metadata and not each.metadata["least"] <= getattr(self, each.name) <= MOST:
+            if (limits := each.metadata) and not limits["least"] <= getattr(self, each.name) <= limits["most"]:
                 raise ValueError(
-                    f"{each.name} must be from {each.metadata['least']} to {MOST}, not {getattr(self, each.name)}"
+                    f"{each.name} must be from {limits['least']} to {limits['most']}, not {getattr(self, each.name)}"
                 )
 
     @property

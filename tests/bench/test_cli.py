@@ -206,6 +206,8 @@ RACE = ("race", "--limit", 1, "--lane", "direct", "--solver", "daqp")
         (["race", "--limit", "-1"], ["--limit"]),
         (["race", "--lane", "fast"], ["'kernel', 'direct'"]),
         (["race", "--schedule", "-1"], ["--schedule"]),
+        (["race", "--rounds", "99999999999"], ["Invalid value for '--rounds'"]),
+        (["race", "--time-limit", "1e9"], ["Invalid value for '--time-limit'"]),
         (["race", "--problem", "nowhere"], ["there is no problem 'nowhere'"]),
         (["resume"], ["Missing argument 'run'"]),
         (["report"], ["Missing argument 'run'"]),
