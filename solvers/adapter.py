@@ -24,7 +24,6 @@ from solvers.protocol import (
     AT_WORK,
     DATA,
     READY,
-    SETUP,
     Lane,
     Matrix,
     Solver,
@@ -97,23 +96,24 @@ class Adapter(Solver):
         ValueError
             The data are not as :mod:`solvers.checks` asks for, or the solver refuses them.
         """
-        kept = vars(self).copy()
-        try:
-            if self.bounds_only:
-                only_box(problem, self.name)
-            self.program = p = Program(problem)
-            if self.refuses_fixed and np.any(p.lb == p.ub):
-                raise Unsupported(f"{self.name} needs lb < ub, and a variable is fixed by lb = ub")
-            self.rows, self._missing, self._verdict = self.form(p), SETUP, UNSOLVED
-            self.build(p, self.rows)
-        except BaseException:
-            vars(self).clear()
-            vars(self).update(kept)
-            raise
-        self._missing = READY
+        made = type(self)(**self.settings)  # apart: a refusal changes nothing
+        made._set_up(problem)
+        for name, value in vars(made).items():  # in Python 3.11, vars(self) would slow each later access by 30 ns
+            setattr(self, name, value)
+
+    def _set_up(self, problem: Problem) -> None:
+        if self.bounds_only:
+            only_box(problem, self.name)
+        self.program = p = Program(problem)
+        if self.refuses_fixed and np.any(p.lb == p.ub):
+            raise Unsupported(f"{self.name} needs lb < ub, and a variable is fixed by lb = ub")
+        self.rows = self.form(p)
+        self.build(p, self.rows)
+        self._missing, self._verdict = READY, UNSOLVED
 
     def build(self, p: Program, rows: Any) -> None:
-        """Make the library's object of the program and its rows, if it has one."""
+        """Make the library's object of the program and its rows, if it has one; it moves to another solver with all
+        attributes, so nothing may keep a reference to this one."""
 
     def _begin(self, check: Callable[..., Any], *arguments: Any, given: frozenset[str] = READY) -> Any:
         """Begin a call to which these data are given: until its end, or for good if a library raises, the solver is not

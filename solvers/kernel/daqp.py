@@ -65,7 +65,6 @@ class Daqp(CompiledLibrary, direct.Daqp):
         qp = QP(p.d, p.u.size, p.d, *(address(part) if part.size else None for part in data))
         work = Workspace(settings=ctypes.addressof(settings))
         self.refuse(DAQP.setup_daqp_main(ctypes.byref(qp), ctypes.byref(work), None, 0))
-        weakref.finalize(self, _release, work, settings, qp, data)
         self._answer, self._lam = np.zeros(p.d), np.zeros(p.u.size)
         self._result = result = Result(address(self._answer), address(self._lam))
         self.pack_state(
@@ -82,6 +81,7 @@ class Daqp(CompiledLibrary, direct.Daqp):
             np.array([settings.primal_tol]),
             1,
         )
+        weakref.finalize(self.state, _release, work, settings, qp, data)
 
     def report(self) -> Report:
         r = self._result
