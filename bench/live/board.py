@@ -13,7 +13,6 @@ import numpy as np
 
 from solvers.arrays import Matrix, Vector
 
-COLUMNS = ("time_s", "reference", "drive", "measured")
 RING_S = 30.0
 """Seconds of samples in the ring buffer: the longest delay of the disk that loses none."""
 EVENTS, TEXT_BYTES = 64, 480
@@ -61,7 +60,7 @@ class Board:
         layout = np.dtype(
             [
                 ("integers", np.int64, (len(INTEGERS),)),
-                ("ring", np.float64, (self.capacity, len(COLUMNS))),
+                ("ring", np.float64, (self.capacity, 4)),
                 ("log", f"S{TEXT_BYTES}", (EVENTS,)),
                 ("reason", f"S{TEXT_BYTES}", (1,)),
                 ("service", np.int64, (BINS,)),

@@ -30,7 +30,6 @@ from piezo_model.units import quantity, shown
 from solvers.arrays import Vector
 
 WINDOW_S, MOST_POINTS = 5.0, 400
-BLUE = PALETTE[0]
 STATES = {
     State.STARTING: "starting",
     State.FOLLOWING: "following",
@@ -38,7 +37,7 @@ STATES = {
     State.ENDED: "at rest; the run is over",
 }
 REFERENCE, MEASURED = "reference", "measured"
-LOOKS = {REFERENCE: (GREY, 5.0), MEASURED: (BLUE, 1.6)}
+LOOKS = {REFERENCE: (GREY, 5.0), MEASURED: (PALETTE[0], 1.6)}
 """Colour and width of each line; a measurement that follows the reference would hide a narrow one."""
 LONGEST = 100
 """Longest text of a set point that is read."""
@@ -63,7 +62,7 @@ def plots(settings: LiveSettings) -> dict[str, Plot]:
         "Service time, and the deadline": Plot(
             Axis("from_us", "µs", log=True, values=[10.0**k for k in range(-1, 8)]),
             Axis("samples", "samples"),
-            (Mark("bar", x2="to_us", y2="zero", colour=BLUE),),
+            (Mark("bar", x2="to_us", y2="zero", colour=PALETTE[0]),),
             rules={"x": 1e6 / settings.rate},
             height=200,
         ),
@@ -91,12 +90,11 @@ def tables(settings: LiveSettings, board: Board) -> tuple[list[dict[str, Any]], 
 
     edges, counts = edges_us(), board.service.copy()
     bins = np.flatnonzero(counts)
-    columns = [
+    return [
         lines({REFERENCE: reference, MEASURED: measured}),
         lines({MEASURED: error}),
         {"from_us": edges[bins], "to_us": edges[bins + 1], "samples": counts[bins], "zero": np.zeros(bins.size)},
-    ]
-    return columns, rms(error)
+    ], rms(error)
 
 
 def status(settings: LiveSettings, board: Board, error: float) -> list[str]:

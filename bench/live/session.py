@@ -75,10 +75,10 @@ def run(settings: LiveSettings, recording: Path | None, page: tuple[str, int] | 
         board.set(stop=1, over=1)
         if board.state == State.STARTING:  # it has not driven the stage, and now does not
             process.kill()
-    reversed_output = [event for event in board.last_events() if REVERSED in event]
-    sentences = [sentence, *([recorded.result()] if recorded else []), *_figures(settings, board), *reversed_output]
-    unrecorded = recording is not None and not recording.exists()
-    return sentences, 128 + received[0] if received else int(board.failed or unrecorded)
+    sentences = [sentence, *([recorded.result()] if recorded else []), *_figures(settings, board)]
+    sentences += [event for event in board.last_events() if REVERSED in event]
+    failed = board.failed or (recording is not None and not recording.exists())
+    return sentences, 128 + received[0] if received else int(failed)
 
 
 def _start(target: Callable[..., None], *arguments: Any) -> BaseProcess:
@@ -162,12 +162,12 @@ def check(path: Path) -> None:
 
 
 def record(board: Board, path: Path, names: tuple[str, ...]) -> str:
-    """Record until the run is over, and return a sentence with the file; a full disk, or any other failure, stops the
-    run."""
+    """Record until the run is over, and return a sentence with the file and the samples that it lacks; a full disk, or
+    any other failure, stops the run."""
     stream, schema = stream_beside(path), pa.schema([(name, pa.float64()) for name in names])
     try:
         with stream.open("wb", buffering=0) as file:
-            _append_samples(board, file, schema)
+            gaps = _append_samples(board, file, schema)
         with replacing(path) as temporary, parquet.ParquetWriter(temporary, schema) as writer:
             for batch in whole_batches(stream):
                 writer.write_batch(batch)
@@ -175,21 +175,26 @@ def record(board: Board, path: Path, names: tuple[str, ...]) -> str:
     except Exception as error:
         board.set(stop=1)
         return f"Recording: {stream}, since {path} could not be written: {getattr(error, 'strerror', None) or error}"
-    return f"Recording: {path}"
+    lost = "; ".join(f"{count} before {until:.3f} s" for count, until in gaps)
+    return f"Recording: {path}" + f", without samples that the disk was too slow for: {lost}" * bool(lost)
 
 
-def _append_samples(board: Board, file: FileIO, schema: pa.Schema) -> None:
-    """Append new samples every second until the run is over; OSError if the disk is full."""
+def _append_samples(board: Board, file: FileIO, schema: pa.Schema) -> list[tuple[int, float]]:
+    """Append new samples every second until the run is over; the number of samples that left the ring buffer before
+    that, and the time until which, of each gap. OSError if the disk is full."""
     _append(file, schema.serialize())
-    recorded, due, ended = 0, time.monotonic(), False
+    recorded, due, ended, gaps = 0, time.monotonic(), False, list[tuple[int, float]]()
     while not ended:
         ended = bool(board.over)
         if ended or time.monotonic() >= due:
             first, samples = board.read(recorded)
+            if first > recorded:
+                gaps.append((first - recorded, float(samples[0, 0])))
             columns = [pa.array(np.ascontiguousarray(column)) for column in samples.T]
             _append(file, pa.record_batch(columns, schema=schema).serialize())
             recorded, due = first + len(samples), due + EVERY_S
         time.sleep(POLL_S)
+    return gaps
 
 
 def _append(file: FileIO, message: pa.Buffer) -> None:
