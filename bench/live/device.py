@@ -21,7 +21,7 @@ import runpy
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any, Protocol, cast
 
 import msgspec
 
@@ -91,7 +91,7 @@ class DeviceFile:
     def make(self) -> Device:
         """Make the stage, not yet open; DeviceError if the file does not define exactly one."""
         try:
-            stages: list[Device] = [
+            stages: list[Any] = [
                 value()
                 for value in runpy.run_path(str(self.path), run_name="stage").values()
                 if inspect.isclass(value)
@@ -106,7 +106,7 @@ class DeviceFile:
             raise DeviceError(
                 f"{self.path}: holds {len(stages)} classes with the methods {', '.join(METHODS)}, and one is needed"
             )
-        return stages[0]
+        return cast(Device, stages[0])
 
     def __str__(self) -> str:
         return str(self.path)
