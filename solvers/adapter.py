@@ -89,6 +89,9 @@ class Adapter(Solver):
     def setup(self, problem: Problem) -> None:
         """Convert the problem and make what solves it; a problem that is refused leaves the solver as it was.
 
+        It is set up in another solver of the same settings, whose attributes this one takes over, so what ``build``
+        uses must follow from the settings.
+
         Raises
         ------
         Unsupported

@@ -97,7 +97,8 @@ class Board:
         self.set(head=head + 1)
 
     def read(self, first: int) -> tuple[int, Matrix]:
-        """Samples from ``first`` on that are still in the ring, shape (N, 4), and the number of the first of them."""
+        """Samples from ``first`` on that are still in the ring, shape (N, 4): time in s, reference, drive and measured
+        output; and the number of the first of them."""
         head = self.head
         start = max(first, head - self.capacity + self.capacity // 8)  # the oldest may be overwritten meanwhile
         return start, self._ring[np.arange(start, head) % self.capacity]

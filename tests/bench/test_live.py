@@ -134,7 +134,7 @@ def test_a_reference_that_the_stage_cannot_reach_is_followed_and_said_to_be(
     said = piezobench.run("live", "--simulate", "duhem", "--no-page", "--seconds", 0.1, *words).stdout
     both = (
         "The reference goes from -30 µm to 30 µm, and the stage, by its model, from -20",
-        "The stage is at rest; the time",
+        "The stage is at rest; the time is over.",
     )
     assert [words in said for words in both] == [is_said, True]
 
