@@ -30,7 +30,14 @@ from piezo_model.dynamics import HIGHEST, Dynamics
 from piezo_model.identification.autocorrelation import DEVIATIONS, autocorrelation_time
 from piezo_model.identification.creep import candidate_rates
 from piezo_model.identification.dynamics_parameters import SMALLEST_GAIN, Parameters
-from piezo_model.identification.error_model import IdentificationError, Solving, States, accumulate, counted_from
+from piezo_model.identification.error_model import (
+    IdentificationError,
+    Solving,
+    States,
+    accumulate,
+    counted_from,
+    percent_of,
+)
 from piezo_model.identification.forward import EXACT, Columns, ForwardFit, fit_forward
 from piezo_model.identification.moving import movement
 from piezo_model.identification.resonance import SHORTEST_SEGMENT, Peak, Spectra, segment_of
@@ -271,7 +278,7 @@ class Trials:
     def percent(self, mean_square: float) -> float:
         """The root of a mean square error in normalised units, per cent of the output's range."""
         span = float(np.ptp(self.recording.y[self.counted]))
-        return 100.0 * abs(self.structure.y_scale) / span * math.sqrt(mean_square)
+        return percent_of(span, abs(self.structure.y_scale) * math.sqrt(mean_square))
 
     def searched(self, parameters: Parameters, near: ForwardFit | None = None) -> ForwardFit:
         """Fit, and once more from what was found if a bound holds a frequency or a damping of a smaller error."""
@@ -319,7 +326,8 @@ class Trials:
         chance = f_distribution.sf(before.sum() / max(after.sum(), 1e-300), independent, independent)
         falls = before.sum() > after.sum() and (chance < CHANCE or gains.mean() > SIGNIFICANT * deviation)
         parameters, modes, moved = found(best), len(g.frequencies_Hz), best.free[self.structure.d :]
-        deviations = np.sqrt(np.diag(best.covariance))[self.structure.d :]  # 0 for parameters that are not free
+        own = slice(self.structure.d, None)
+        deviations = parameters.deviations(best.covariance[own, own])  # 0 for parameters that are not free
         uncertain = deviations[:modes] > np.maximum(UNCERTAIN[0], UNCERTAIN[1] * np.array(g.damping))
         reasons = {
             "its frequency or damping reaches the bounds of the search": not np.all(moved[: 2 * modes]),

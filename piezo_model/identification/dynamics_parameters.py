@@ -1,10 +1,11 @@
 """Parameters θ of the dynamics as unknowns of the forward fit, with their bounds.
 
-    θ = (log f_i, log ζ_i; sum of the gains, share of the second; delay, and that of the amplifier, in samples)
+    θ = (log f_1, log f_2/f_1, log ζ_i; sum of the gains, share of the second; delay, and that of the amplifier)
 
-Frequencies stay within 2 %, or 0.3 of the damping ratio if that is more, and damping ratios within a factor 1.5 of
-those that the spectra show, since the error of the output has minima between the harmonics of a drive. A single mode
-has the gain 1 unless there is residual compliance. The amplifier delays a ramp by
+with delays in samples, so that every θ of a box is a stage. Frequencies, or their ratio, stay within 2 %, or 0.3 of the
+damping ratio if that is more, and damping ratios within a factor 1.5 of those that the spectra show, since the error of
+the output has minima between the harmonics of a drive. A single mode has the gain 1 unless there is residual
+compliance. The amplifier delays a ramp by
 1 / (exp(T/T_a) − 1) samples, which unlike T_a has a derivative where there is none.
 """
 
@@ -15,14 +16,14 @@ from typing import Self
 import numpy as np
 
 from piezo_model.dynamics import Dynamics
-from solvers.arrays import Mask, Vector
+from solvers.arrays import Mask, Matrix, Vector
 
 FREQUENCY_RATIO, OF_DAMPING, DAMPING_RATIO = 1.02, 0.3, 1.5
 LONGEST = 20.0
 """Longest delay and lag, in samples."""
 SMALLEST_GAIN = 0.01
-MOST_DAMPED, APART = 0.99, 1e-3
-"""Largest damping ratio, and half the smallest distance of the logarithms of two frequencies."""
+MOST_DAMPED, APART = 0.99, 2e-3
+"""Largest damping ratio, and the smallest distance of the logarithms of two frequencies."""
 STEP = 1e-5
 """Change of a parameter for its derivative."""
 ROUNDING = 1e-9
@@ -52,8 +53,8 @@ class Parameters:
         if not self.free:
             return np.zeros(0)
         gains = [sum(g.gains), *(gain / sum(g.gains) for gain in g.gains[1:])] if self.residual else []
-        late = [g.amplifier_samples(T)] * self.with_lag
-        return np.array([*np.log(g.frequencies_Hz), *np.log(g.damping), *gains, g.delay_s / T, *late])
+        late, f = [g.amplifier_samples(T)] * self.with_lag, np.diff(np.log(g.frequencies_Hz), prepend=0.0)
+        return np.array([*f, *np.log(g.damping), *gains, g.delay_s / T, *late])
 
     @property
     def bounds(self) -> tuple[Vector, Vector]:
@@ -63,10 +64,15 @@ class Parameters:
         near = np.r_[np.maximum(np.log(FREQUENCY_RATIO), widths), np.full(modes, np.log(DAMPING_RATIO))]
         centre, late = theta[: near.size], theta.size - near.size - gains
         least, most = centre - near, np.minimum(centre + near, np.repeat([np.inf, np.log(MOST_DAMPED)], modes))
-        if modes == 2:  # their order is that of the bounds
-            least[1], most[0] = max(least[1], centre[:2].mean() + APART), min(most[0], centre[:2].mean() - APART)
+        least[1:modes] = np.maximum(least[1:modes], APART)
         low = np.r_[least, np.full(gains, SMALLEST_GAIN), np.zeros(late)]
         return low, np.r_[most, [1.0, 1.0 - SMALLEST_GAIN][:gains], np.full(late, LONGEST)]
+
+    def deviations(self, covariance: Matrix) -> Vector:
+        """Standard deviations (k,) of θ, but of the logarithms of both frequencies, from the covariance (k, k) of θ."""
+        modes, T = len(self.start.frequencies_Hz) * self.free, np.eye(len(covariance))
+        T[:modes, :modes] = np.tril(np.ones((modes, modes)))
+        return np.asarray(np.sqrt(np.diag(T @ covariance @ T.T)))
 
     def inside(self, found: Dynamics, free: Mask) -> bool:
         """Whether no bound of the search holds a parameter, of which some are ``free`` (k,). Stages without residual
@@ -82,11 +88,11 @@ class Parameters:
         if not self.free:
             return self.start
         modes, T = len(self.start.frequencies_Hz), self.sample_time
-        f, zeta, rest = np.exp(theta[:modes]), np.exp(theta[modes : 2 * modes]), theta[2 * modes :].tolist()
+        f, zeta, rest = np.exp(np.cumsum(theta[:modes])), np.exp(theta[modes : 2 * modes]), theta[2 * modes :].tolist()
         gains = self.start.gains
         if self.residual:
             total, *second = [rest.pop(0) for _ in range(modes)]
-            gains = (total * (1.0 - sum(second)), *(total * share for share in second))
+            gains = (total - total * sum(second), *(total * share for share in second))
         lag = self.start.amplifier_lag_s
         if self.with_lag:
             lag = T / math.log1p(1.0 / rest[1]) if rest[1] > 0.0 else 0.0

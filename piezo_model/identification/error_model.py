@@ -80,6 +80,17 @@ def counted_from(recording: Recording, skip: int) -> Mask:
     return counted
 
 
+def percent_of(span: float, value: float) -> float:
+    """A value as per cent of a range; of itself where nothing moves.
+
+    Examples
+    --------
+    >>> percent_of(4.0, 1.0), percent_of(0.0, 1.0), percent_of(0.0, 0.0)
+    (25.0, 100.0, 0.0)
+    """
+    return 100.0 * value / (span or abs(value) or 1.0)
+
+
 def accumulate(
     recording: Recording, counted: Mask, s: ModelStructure, states: States, solving: Solving
 ) -> IdentificationProblem:

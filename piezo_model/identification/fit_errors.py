@@ -13,7 +13,7 @@ import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 
 from piezo_model.identification.dynamics_parameters import Parameters
-from piezo_model.identification.error_model import Solving, counted_from
+from piezo_model.identification.error_model import Solving, counted_from, percent_of
 from piezo_model.identification.forward import ForwardFit, fit_forward
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
@@ -116,13 +116,13 @@ def fit_of(recording: Recording, s: ModelStructure, errors: Vector, skipped: int
     return Fit(
         samples=error.size,
         skipped=skipped,
-        rms_percent=100.0 * deviation / span,
-        max_percent=100.0 * largest / span,
+        rms_percent=percent_of(span, deviation),
+        max_percent=percent_of(span, largest),
         rms=deviation,
         max=largest,
-        skipped_max_percent=100.0 * float(np.max(np.abs(errors[:skipped]), initial=0.0)) / span,
-        line_percent=100.0 * line / span,
-        cubic_percent=100.0 * cubic / span,
+        skipped_max_percent=percent_of(span, float(np.max(np.abs(errors[:skipped]), initial=0.0))),
+        line_percent=percent_of(span, line),
+        cubic_percent=percent_of(span, cubic),
         line=(constant, slope),
         span=span,
         missing=recording.length - skipped - error.size,
@@ -154,5 +154,5 @@ def cross_validate(
         model = fit_forward(recording, inside, s, fitted.states, fitted.v, solving, steps=STEPS, parameters=known)
         errors.append(s.y_scale * model.error)
         squares += [float(np.sum(error[held_out] ** 2)) for error in errors]
-    line, cubic, model_error = 100.0 * np.sqrt(squares / np.count_nonzero(counted)) / span
-    return Baseline(float(line), float(cubic), float(model_error), held_out=True)
+    errors = np.sqrt(squares / np.count_nonzero(counted)).tolist()
+    return Baseline(*(percent_of(span, error) for error in errors), held_out=True)

@@ -81,6 +81,27 @@ class Columns:
 
 
 @dataclass(frozen=True)
+class Box:
+    """Bounds (k,) of all unknowns; the only place where one is moved."""
+
+    low: Vector
+    high: Vector
+
+    def inside(self, z: Vector) -> Vector:
+        """The point of the box that is next to z (k,)."""
+        return np.clip(z, self.low, self.high)
+
+    def step(self, z: Vector, direction: Vector) -> tuple[Vector, float]:
+        """A point of the box next to z (k,) for a derivative, and the multiple of the direction (k,) that leads there:
+        up to STEP, or down where a bound is nearer."""
+        along, size = np.flatnonzero(direction), STEP / np.abs(direction).max()
+        ends = np.array([self.high - z, self.low - z])[:, along] / direction[along]
+        up, down = np.min(np.max(ends, axis=0)), np.max(np.min(ends, axis=0))
+        made = float(min(size, up) if up >= min(size, -down) else max(-size, down))
+        return z + made * direction, made
+
+
+@dataclass(frozen=True)
 class Trial:
     """The model of all unknowns ``z`` = (v, initial slopes, further, θ), simulated, in normalised units."""
 
@@ -114,7 +135,7 @@ class ForwardFit(Trial):
     parameters: Parameters | None
     """The dynamics, and which of their parameters were unknowns."""
     derivative: Callable[[Vector], Vector]
-    """That of the output (N,) along a direction of (v, further, θ) at the last step, as in P."""
+    """That of the output (N,) along a direction of (v, further, θ), in which what a bound holds does not move."""
 
     @property
     def v(self) -> Vector:
@@ -232,16 +253,16 @@ def fit_forward(
     further = further or Columns(np.zeros((recording.length, 0)), np.zeros(0), np.zeros(0))
     sweeps, free_parts = list(recording.sweeps()), np.flatnonzero(np.array(searched, dtype=bool)).tolist()
     n, d, k = s.n * len(free_parts), s.d, further.low.size
-    low, high = _bounds(s, n, further, creep_limits, parameters)
+    box = _bounds(s, n, further, creep_limits, parameters)
     if weights_known:
-        low[:d] = high[:d] = v
+        box.low[:d] = box.high[:d] = v
     theta, with_lag = (np.zeros(0), False) if parameters is None else (parameters.vector, parameters.with_lag)
     z = np.concatenate([v, *(initial_slopes(s, states[part]) for part in free_parts), np.zeros(k), theta])
     unit_y = s.unit_output(recording.y)
 
     def trial(z: Vector, static: Vector | None = None) -> Trial:
-        """The trial of z, clipped into its bounds; the output before the dynamics may be known."""
-        z, begun = np.clip(z, low, high), list(states)
+        """The trial of the point of the box next to z; the output before the dynamics may be known."""
+        z, begun = box.inside(z), list(states)
         for part, slopes in zip(free_parts, z[d : d + n].reshape(len(free_parts), s.n), strict=True):
             begun[part] = state_with_slopes(sweeps[part], s, slopes)
         arrays = arrays_of(s, all_weights(s, s.slope_map @ z[:d]))
@@ -258,25 +279,29 @@ def fit_forward(
         own = error if counted.all() else error[counted]
         return Trial(z, begun, g, static, y_model, error, float(own @ own) / own.size)
 
-    best, P, free = trial(z), np.eye(z.size), low < high
+    best, P, free = trial(z), np.eye(z.size), box.low < box.high
     for _ in range(steps if free.any() else 0):
         solving.passes += 1
-        z, nudges = best.z, np.where(best.z + STEP <= high, STEP, -STEP)
+        z = best.z
         moves = [
-            (trial(z + nudge, None if with_lag and nudge[-1] else best.static).y_model - best.y_model) / nudge.sum()
-            for nudge in np.diag(nudges)[d + n + k :]
+            (trial(at, None if with_lag and at[-1] != z[-1] else best.static).y_model - best.y_model) / made
+            for at, made in (box.step(z, along) for along in np.eye(z.size)[d + n + k :])
         ]
         gram, moved = _gram(recording, counted, s, best, free_parts, np.column_stack([further.signals, *moves]))
         P, Je = gram[:-1, :-1], gram[:-1, -1]
         determined = np.diag(P) > 0.0
         determined[:d] &= moved & (not weights_known)
-        free = determined & (z > low) & (z < high)
+        free = determined & (z > box.low) & (z < box.high)
         if not determined.any():
             break
         at = np.ix_(determined, determined)
         target = z.copy()
         target[determined] = solving.minimise(
-            P[at], -Je[determined] - P[at] @ z[determined], low[determined], high[determined], z[determined]
+            P[at],
+            -Je[determined] - P[at] @ z[determined],
+            box.low[determined],
+            box.high[determined],
+            z[determined],
         )
         target[s.slices[1]] = np.minimum(target[s.slices[1]], MAX_SLOPE)
         step = 1.0
@@ -284,17 +309,16 @@ def fit_forward(
             step *= 0.5
         if (gain := best.cost - found.cost) > 0.0:
             best = found
-            free = determined & (best.z > low) & (best.z < high)
+            free = determined & (best.z > box.low) & (best.z < box.high)
         if gain <= CONVERGED * best.cost or best.cost < EXACT:
             break
     kept: Index = np.r_[np.arange(d), np.arange(d + n, z.size)]
 
     def derivative(direction: Vector) -> Vector:
-        change, size = np.zeros(z.size), STEP / np.abs(direction).max()
-        change[kept] = size * direction
-        if np.any((z + change < low) | (z + change > high)):  # a step that would leave the box goes the other way
-            change, size = -change, -size
-        return (trial(z).error - trial(z + change).error) / size
+        along = np.zeros(z.size)
+        along[kept] = direction
+        at, made = box.step(best.z, along)
+        return (best.error - trial(at).error) / made
 
     return ForwardFit(
         **vars(best),
@@ -311,14 +335,14 @@ def fit_forward(
 
 def _bounds(
     s: ModelStructure, n: int, further: Columns, creep_limits: Vector | None, parameters: Parameters | None
-) -> tuple[Vector, Vector]:
+) -> Box:
     """Bounds of all unknowns z, among them n initial slopes."""
     ends = (np.zeros(0), np.zeros(0)) if parameters is None else parameters.bounds
     highest = np.full(s.d, np.inf)
     if creep_limits is not None:
         highest[s.slices[2]] = creep_limits
     low = np.concatenate([s.lower_bounds(MIN_SLOPE), -np.ones(n), further.low, ends[0]])
-    return low, np.concatenate([highest, np.ones(n), further.high, ends[1]])
+    return Box(low, np.concatenate([highest, np.ones(n), further.high, ends[1]]))
 
 
 def step_problem(

@@ -33,6 +33,7 @@ from piezo_model.identification.error_model import (
     accumulate,
     counted_from,
     one_thread,
+    percent_of,
     prove,
 )
 from piezo_model.identification.fit_errors import Fit, fit_of
@@ -367,7 +368,7 @@ def _reported(
 
 def _drift(fit: ForwardFit, estimate: Bounded, recording: Recording, span: float) -> Drift:
     per_s = 2.0 * fit.structure.y_scale / recording.duration_s
-    rms_percent = 100.0 * abs(fit.structure.y_scale) * math.sqrt(fit.cost) / span
+    rms_percent = percent_of(span, abs(fit.structure.y_scale) * math.sqrt(fit.cost))
     return Drift(per_s * float(fit.further[0]), abs(per_s) * estimate.se, rms_percent)
 
 

@@ -28,7 +28,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from piezo_model.identification.creep import Determined
-from piezo_model.identification.error_model import Solving, States
+from piezo_model.identification.error_model import Solving, States, percent_of
 from piezo_model.identification.forward import MIN_SLOPE, ForwardFit, piece_slopes
 from piezo_model.identification.gram_matrix import gram_of
 from piezo_model.operator_state import OperatorState
@@ -235,7 +235,7 @@ def _candidate(
     unknowns = np.count_nonzero(z[: s.d] > low[: s.d])
     bic = independent * math.log(cost) + unknowns * math.log(independent)
     states = [state_on(fit.structure, state, s) for state in fit.states]
-    return Candidate(s, states, z[: s.d], 100.0 * abs(s.y_scale) * math.sqrt(cost) / span, bic)
+    return Candidate(s, states, z[: s.d], percent_of(span, abs(s.y_scale) * math.sqrt(cost)), bic)
 
 
 def _labels(s: ModelStructure) -> list[tuple[str, float]]:

@@ -139,9 +139,9 @@ def _signed(recording: Recording, s: ModelStructure, skip: int, solving: Solving
 def _ranged(recording: Recording, s: ModelStructure, skip: int, fit_range: bool) -> ModelStructure:
     """The structure with the range of the counted outputs."""
     require(recording, counted_from(recording, skip), s, skip)
-    low, high = y_range(recording, skip)
-    if not fit_range or low == high:
+    if not fit_range:
         return s
+    low, high = y_range(recording, skip)
     return replace(s, y_centre=0.5 * (low + high), y_scale=math.copysign(0.5 * (high - low), s.y_scale))
 
 
@@ -243,10 +243,12 @@ def require(recording: Recording, counted: Mask, s: ModelStructure, skip: int) -
             f"{recording.name}: {counted_ones} are counted{f' after skipping {skip}' if skip else ''}, too few for "
             f"{s.d} weights"
         )
-    if skip and first_motion(recording, skip) == recording.length:
-        raise IdentificationError(
-            f"{recording.name}: the drive does not move after the first {skip} samples, which are skipped"
-        )
+    low, high = y_range(recording, skip)
+    still = {"drive": skip and first_motion(recording, skip) == recording.length, "output": low == high}
+    for what, rests in still.items():
+        if rests:
+            after = f" after the first {skip} samples, which are skipped" if skip else ""
+            raise IdentificationError(f"{recording.name}: the {what} does not move{after}")
 
 
 def _memory_erased_from(recording: Recording, s: ModelStructure) -> int:

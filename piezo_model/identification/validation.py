@@ -17,7 +17,7 @@ import numpy as np
 import piezo_model
 from piezo_model.identification.adequacy import outlier
 from piezo_model.identification.dynamics_parameters import Parameters
-from piezo_model.identification.error_model import Solving, States, counted_from, one_thread
+from piezo_model.identification.error_model import Solving, States, counted_from, one_thread, percent_of
 from piezo_model.identification.fit_errors import Fit, fit_of
 from piezo_model.identification.forward import NUDGE, Columns, ForwardFit, fit_forward, simulate
 from piezo_model.identification.start import initial_segment, longest_transient, start_of, transient, y_range
@@ -77,8 +77,8 @@ class Validation:
             (
                 abs(self.shift) > 0.1 * self.fit.rms,
                 f"The output is shifted by a constant {quantity(self.shift, unit, 3)} "
-                f"({percent(100.0 * abs(self.shift) / self.fit.span)} of the range) from that of the model; the errors "
-                "are without it.",
+                f"({percent(percent_of(self.fit.span, abs(self.shift)))} of the range) from that of the model; the "
+                "errors are without it.",
             ),
             (
                 self.fit.rms > 2.0 * reported,

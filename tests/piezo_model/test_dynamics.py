@@ -1,6 +1,5 @@
 """Dynamics of a stage: their filter, its inverse and what does not know them; which dynamics a recording determines."""
 
-import itertools
 import json
 import re
 from collections.abc import Callable
@@ -9,6 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from known_models import a_drive, structure, true_model
 from ringing_stage import T, on_a_spring, recorded, steps, through_modes
 
@@ -30,7 +32,7 @@ from piezo_model.deployment import Deployment
 from piezo_model.identification.dynamics import GAIN
 from piezo_model.identification.dynamics_parameters import Parameters
 from piezo_model.identification.error_model import Solving
-from piezo_model.identification.forward import fit_forward
+from piezo_model.identification.forward import Box, fit_forward
 from piezo_model.identification.resonance import Spectra
 
 ONE = Dynamics((500.0,), (0.01,), (1.0,), 1.3125 * T)
@@ -227,12 +229,23 @@ def test_a_recording_of_ten_thousand_times_the_period_gives_the_same_model(seed:
         assert getattr(slow.dynamics, name) == pytest.approx(1e4 * getattr(fast.dynamics, name), rel=1e-3)
 
 
-def test_two_modes_keep_their_order_in_all_bounds_of_a_search() -> None:
-    near = Parameters(Dynamics((10.0, 10.5), (0.3, 0.98), (0.5, 0.4), 0.0), 5e-3, True, True, True)
-    low, high = near.bounds
-    assert np.all((low <= near.vector) & (near.vector <= high))
-    for theta in itertools.product(*zip(low, high, strict=True)):
-        near.at(np.array(theta))  # whose dynamics refuse what is out of order or range
+@given(st.data(), st.integers(0, 2), st.booleans(), st.floats(1e-5, 10.0))
+def test_every_point_of_the_box_of_a_search_and_a_step_beyond_it_is_a_stage(
+    data: st.DataObject, count: int, residual: bool, period: float
+) -> None:
+    f = np.sort(data.draw(arrays(float, count, elements=st.floats(1e-4, 0.35), unique=True))) / period
+    zeta, late = data.draw(arrays(float, count, elements=st.floats(1e-3, 0.9))), data.draw(st.floats(0.0, 30.0))
+    assume(np.all(np.diff(np.log(f)) > 1e-6))
+    begun = Dynamics(f, zeta, np.full(count, 1.0 / max(count, 1)), late * period, late * period)
+    near = Parameters(begun, period, True, residual and count > 0, True)
+    box = Box(*near.bounds)
+    theta = data.draw(arrays(float, near.vector.size, elements=st.floats(0.0, 1.0))) * (box.high - box.low) + box.low
+    for along in np.eye(theta.size):
+        at, made = box.step(theta, along)
+        assert abs(made) > 1e-6
+        np.testing.assert_allclose(at, box.inside(at), rtol=1e-12)
+        for point in (at, theta + 1e3 * along, theta - 1e3 * along):
+            near.at(box.inside(point))  # whose dynamics refuse what is out of order or range
 
 
 def test_parts_of_a_signal_are_refused_for_a_model_with_dynamics() -> None:
