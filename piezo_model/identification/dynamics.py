@@ -319,11 +319,10 @@ class Trials:
         g, T, count = found(best).start, self.recording.sample_time, int(np.count_nonzero(self.counted))
         block = max(SHORTEST, round(PERIODS / g.frequencies_Hz[0] / T))
         before, after = (self._held_out(each, block) for each in (none, best))
-        smallest = EXACT * max(float(before.sum()), EXACT)
-        gains = np.log((before + smallest) / (after + smallest))
+        gains = np.log(before / after)
         deviation = float(gains.std()) * math.sqrt(autocorrelation_time([gains]) / gains.size)
         independent = count / max(autocorrelation_time(each.errors) for each in (none, best))
-        chance = f_distribution.sf(before.sum() / max(after.sum(), 1e-300), independent, independent)
+        chance = f_distribution.sf(before.sum() / after.sum(), independent, independent)
         falls = before.sum() > after.sum() and (chance < CHANCE or gains.mean() > SIGNIFICANT * deviation)
         parameters, modes, moved = found(best), len(g.frequencies_Hz), best.free[self.structure.d :]
         own = slice(self.structure.d, None)
@@ -374,7 +373,7 @@ class Trials:
         for inside in (number % 2 == 0, number % 2 == 1):
             error = self.fit(found(fitted), fitted, inside & self.counted, FOLD_STEPS).error
             squares += np.where(self.counted & ~inside, error**2, 0.0)
-        return np.bincount(number, squares).astype(np.float64)
+        return np.bincount(number, squares) + EXACT * block
 
     def separated(self, recording: Recording, prepared: Prepared, fitted: ForwardFit) -> Separated:
         """The recording without the dynamics of a fit, and the start with that output."""

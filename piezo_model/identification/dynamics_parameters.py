@@ -26,8 +26,8 @@ MOST_DAMPED, APART = 0.99, 2e-3
 """Largest damping ratio, and the smallest distance of the logarithms of two frequencies."""
 STEP = 1e-5
 """Change of a parameter for its derivative."""
-ROUNDING = 1e-9
-"""Distance of a sum of gains from 1 that is none."""
+ROUNDING = 1e-7
+"""Distance of a sum of gains from 1, and of a delay in samples from 0, that is none."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class Parameters:
         modes, inside = len(found.frequencies_Hz), free.copy()
         if self.residual:
             inside[2 * modes] |= sum(found.gains) > 1.0 - ROUNDING
-        inside[modes * (3 if self.residual else 2)] |= found.delay_s == 0.0
+        inside[modes * (3 if self.residual else 2)] |= found.delay_s <= ROUNDING * self.sample_time
         return bool(np.all(inside))
 
     def at(self, theta: Vector) -> Dynamics:

@@ -61,8 +61,11 @@ MIN_SLOPE, MAX_SLOPE = 1e-3, 1e6
 SHORTEST_STEP = 0.002
 CONVERGED = 1e-5
 """Relative decrease of the cost that ends the fit."""
-EXACT = 1e-24
-"""Cost in normalised units squared at the level of rounding."""
+EXACT = 1e-20
+"""Cost in normalised units squared at the level of rounding, which is in every cost, so that neither a ratio nor a
+comparison of costs depends on rounding errors."""
+AT_BOUND = 1e-7
+"""Distance from a bound at which it holds an unknown."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +103,10 @@ class Box:
         made = float(min(size, up) if up >= min(size, -down) else max(-size, down))
         return z + made * direction, made
 
+    def leaves(self, z: Vector) -> Mask:
+        """Which unknowns of z (k,) no bound holds."""
+        return np.asarray((z > self.low + AT_BOUND) & (z < self.high - AT_BOUND))
+
 
 @dataclass(frozen=True)
 class Trial:
@@ -116,7 +123,7 @@ class Trial:
     error: Vector
     """y − ŷ (N,), with the further columns."""
     cost: float
-    """Mean square error of the counted samples."""
+    """Mean square error of the counted samples, and EXACT."""
 
 
 @dataclass(frozen=True)
@@ -277,7 +284,7 @@ def fit_forward(
             y_model = s.unit_output(_by_parts(recording, s.y_centre + s.y_scale * static, begun, behind))
         error = unit_y - y_model - further.signals @ z[d + n : d + n + k]
         own = error if counted.all() else error[counted]
-        return Trial(z, begun, g, static, y_model, error, float(own @ own) / own.size)
+        return Trial(z, begun, g, static, y_model, error, float(own @ own) / own.size + EXACT)
 
     best, P, free = trial(z), np.eye(z.size), box.low < box.high
     for _ in range(steps if free.any() else 0):
@@ -291,7 +298,7 @@ def fit_forward(
         P, Je = gram[:-1, :-1], gram[:-1, -1]
         determined = np.diag(P) > 0.0
         determined[:d] &= moved & (not weights_known)
-        free = determined & (z > box.low) & (z < box.high)
+        free = determined & box.leaves(z)
         if not determined.any():
             break
         at = np.ix_(determined, determined)
@@ -309,8 +316,8 @@ def fit_forward(
             step *= 0.5
         if (gain := best.cost - found.cost) > 0.0:
             best = found
-            free = determined & (best.z > box.low) & (best.z < box.high)
-        if gain <= CONVERGED * best.cost or best.cost < EXACT:
+            free = determined & box.leaves(best.z)
+        if gain <= CONVERGED * best.cost:
             break
     kept: Index = np.r_[np.arange(d), np.arange(d + n, z.size)]
 

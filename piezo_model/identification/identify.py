@@ -341,7 +341,7 @@ def _reported(
     if straight:
         errors = recording.y - simulate(s, model.arrays, recording, fit.states)
         found = fit_of(recording, s, errors, prepared.skip, fitting.span)
-    known = options.estimator == "forward" and not straight and fit.cost > 0.0
+    known = options.estimator == "forward" and not straight
     starts = zip(recording.starts, prepared.starts, fit.states, strict=True)
     report = FitReport(
         estimator=options.estimator,

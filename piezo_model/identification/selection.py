@@ -9,11 +9,12 @@ linear in the weights, and without the noise of y among the regressors. One pass
 
     x/s,  H_r [x]/s for all thresholds r,  −S_r' (ŷ)/s for all dead zones r',  z_r/s for all thresholds r,  1/s,  e,  t
 
-and the programs of all candidates follow from it without the samples. The candidate with the smallest Bayesian
-information criterion N_e ln V + d ln N_e is chosen, where d counts the weights that no bound holds, and N_e is the
-number of independent samples: those in e, or in what hysteresis, creep and drift leave of the output (`creep`), or
-N V / ν, whichever are most. Here ν is the variance of the noise alone, at the frequencies of the drive: a misfit that
-repeats itself with the drive has lines in the periodogram of e, and the median over neighbouring frequencies has not.
+and the programs of all candidates follow from it without the samples. With the Bayesian information criterion
+N_e ln V + d ln N_e, of the candidates within ALIKE of the smallest that with the fewest weights is chosen. Here d
+counts the weights that no bound holds, and N_e is the number of independent samples: those in e, or in what hysteresis,
+creep and drift leave of the output (`creep`), or N V / ν, whichever are most. The variance ν is that of the noise
+alone, at the frequencies of the drive: a misfit that repeats itself with the drive has lines in the periodogram of e,
+and the median over neighbouring frequencies has not.
 
 Source: G. Schwarz, "Estimating the dimension of a model", Annals of Statistics 6 (1978) 461–464.
 """
@@ -29,7 +30,7 @@ from scipy.ndimage import median_filter
 
 from piezo_model.identification.creep import Determined
 from piezo_model.identification.error_model import Solving, States, percent_of
-from piezo_model.identification.forward import MIN_SLOPE, ForwardFit, piece_slopes
+from piezo_model.identification.forward import MIN_SLOPE, Box, ForwardFit, piece_slopes
 from piezo_model.identification.gram_matrix import gram_of
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
@@ -44,6 +45,10 @@ NEIGHBOURS = 31
 """Frequencies of a periodogram over which a median is taken."""
 FEWEST_PER_WEIGHT = 4
 """Fewest samples for each weight of a candidate."""
+ALIKE = 2.0
+"""Largest difference of criteria that says nothing."""
+EXACT = 1e-12
+"""Cost from a Gram matrix, in normalised units squared, at the level of rounding."""
 
 Progress = Callable[[str, int, int], None]
 
@@ -72,14 +77,15 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Selection:
-    """All candidates, the best first."""
+    """All candidates, the smallest criterion first."""
 
     candidates: tuple[Candidate, ...]
 
     @property
     def chosen(self) -> Candidate:
-        """The candidate with the smallest criterion."""
-        return self.candidates[0]
+        """The candidate with the fewest weights among those whose criteria are like the smallest one."""
+        alike = (c for c in self.candidates if c.bic <= self.candidates[0].bic + ALIKE)
+        return min(alike, key=lambda c: (c.structure.d, c.structure.n))
 
     @property
     def sentence(self) -> str:
@@ -88,8 +94,9 @@ class Selection:
         error, smallest = (f"{candidate.error_percent:.3g} %" for candidate in (self.chosen, best))
         beside = "" if smallest == error else f"; the smallest error is the {smallest} of {best}"
         return (
-            f"Of {len(self.candidates)} pairs of orders, {self.chosen} has the smallest information criterion, with an "
-            f"RMS error of the output of about {error} of its range{beside}."
+            f"Of {len(self.candidates)} pairs of orders, {self.chosen} has the fewest weights of those within {ALIKE:g} "
+            f"of the smallest information criterion, with an RMS error of the output of about {error} of its "
+            f"range{beside}."
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -101,7 +108,7 @@ class Selection:
                 "creep_rates": list(c.structure.creep_rates),
                 "d": c.structure.d,
                 "error_percent": c.error_percent,
-                "bic": c.bic - self.chosen.bic,
+                "bic": c.bic - self.candidates[0].bic,
                 "standing": "chosen" if c is self.chosen else "",
             }
             for c in self.candidates
@@ -231,8 +238,8 @@ def _candidate(
     z = np.where(free, 0.0, reference)
     at = np.ix_(free, free)
     z[free] = solving.minimise(P[at], q[free] + (P @ z)[free], low[free], high[free], reference[free])
-    cost = max(float(z @ P @ z + 2.0 * q @ z + c), np.finfo(float).tiny)
-    unknowns = np.count_nonzero(z[: s.d] > low[: s.d])
+    cost = max(float(z @ P @ z + 2.0 * q @ z + c), 0.0) + EXACT
+    unknowns = np.count_nonzero(Box(low, high).leaves(z)[: s.d])
     bic = independent * math.log(cost) + unknowns * math.log(independent)
     states = [state_on(fit.structure, state, s) for state in fit.states]
     return Candidate(s, states, z[: s.d], percent_of(span, abs(s.y_scale) * math.sqrt(cost)), bic)
