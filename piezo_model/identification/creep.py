@@ -270,7 +270,7 @@ def _fit(error: Vector, columns: Columns, independent: Callable[[Vector], float]
         found.append(value if math.isinf(limit) else min(max(value, 0.0), limit))
         error = error - found[-1] * column
     variance = float(error @ error) / independent(error)
-    ses = np.sqrt(variance) * _norms(np.linalg.pinv(matrix).T)
+    ses = np.sqrt(variance) * np.linalg.norm(np.linalg.pinv(matrix), axis=1)
     return [Bounded(value, se) for value, se in zip(found, ses.tolist(), strict=False)], error
 
 

@@ -1,4 +1,4 @@
-"""Structural dynamics of a recording: whether it has any, which, and the recording as of a stage without them.
+"""Dynamics of a recording: whether it has modes, or else a lag, and the recording as of a stage without them.
 
     scan     the mode that explains the most of the cross-spectra                      `resonance`
     start    the output through the inverse of that mode, as of a static stage         `start`
@@ -13,12 +13,16 @@ freedom as there are independent samples (a drive that rings at some time) or in
 blocks (one that rings faintly all the time); the frequency is known to UNCERTAIN; and no
 bound holds a frequency or a damping. They stay as they are in all that follows: beside creep of all rates they are
 less biased than beside that of the final model.
+
+A stage that shows no mode may have a delay of the output, or an amplifier that lags. Hysteresis lags too, so the
+correlation of input and output determines neither: they are unknowns of a forward fit, beside creep and a drift. A lag
+that is significant beside few plays has to be beside many, too: what few plays leave of a loop resembles one.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -29,7 +33,7 @@ from piezo_model import checks
 from piezo_model.dynamics import HIGHEST, Dynamics
 from piezo_model.identification.autocorrelation import DEVIATIONS, autocorrelation_time
 from piezo_model.identification.creep import candidate_rates
-from piezo_model.identification.dynamics_parameters import SMALLEST_GAIN, Parameters
+from piezo_model.identification.dynamics_parameters import LONGEST, SMALLEST_GAIN, Parameters
 from piezo_model.identification.error_model import (
     IdentificationError,
     Solving,
@@ -42,13 +46,14 @@ from piezo_model.identification.forward import EXACT, Columns, ForwardFit, fit_f
 from piezo_model.identification.moving import movement
 from piezo_model.identification.resonance import SHORTEST_SEGMENT, Peak, Spectra, segment_of
 from piezo_model.identification.selection import state_on, union_of, with_orders
-from piezo_model.identification.start import Prepared
+from piezo_model.identification.start import USUAL, Prepared, first_motion
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
 from piezo_model.units import quantity
 from solvers.arrays import Mask, Vector
 
 DynamicsChoice = Literal["estimate", "ignore"]
+LagChoice = Literal["estimate", "remove", "ignore"]
 
 GAIN = 0.02
 """Smallest share of the whitened squares that a mode has to explain."""
@@ -80,6 +85,17 @@ NOTABLE = 0.1
 LIGHTLY_DAMPED = 0.25
 """Largest damping of a mode beside another, and of one that is not kept to be worth a sentence: with more, what the
 hysteresis leaves is alike."""
+SMALLEST_LAG = 0.1
+"""Smallest lag in samples that is worth a sentence."""
+LAG_GAIN = 0.1
+"""Smallest gain of the error by a lag."""
+CLEAR = 0.5
+"""Largest ratio of the squares with an amplifier's lag to those with a delay alone at which it is one: a smooth drive
+hardly tells them apart."""
+RESOLUTION = 0.01
+"""Distance from the longest lag, in samples, at which it may be longer."""
+LAG_STEPS = 10
+"""Most steps of the fit of a lag, of which each finds about a sample."""
 
 
 @dataclass(frozen=True)
@@ -156,6 +172,54 @@ class DynamicsFinding:
 
 
 @dataclass(frozen=True)
+class Lag:
+    """The lag with which a model errs least, and its errors without and with it, per cent of the output's range."""
+
+    samples: float
+    """Delay and the amplifier's delay of a ramp."""
+    at_most_s: float
+    """The longest lag within its interval at 95 %."""
+    amplifier_s: float
+    """Time constant of the amplifier; 0 for a delay alone."""
+    removed: bool
+    """Whether it is the sensor's, and so no part of the model."""
+    in_model: bool
+    error_without_lag_percent: float
+    error_percent: float
+    at_edge: bool
+    """Whether it is the longest one tried: it may be longer."""
+    is_significant: bool
+    """Whether the gain is clear."""
+
+    def sentence(self, sample_time: float) -> str:
+        """The lag in words."""
+        if not self.is_significant:
+            clear = f"clear lag, but may have one of up to {quantity(self.at_most_s, 's', 2)}"
+            perhaps = f"{clear}; record steps to determine it" if self.at_most_s > sample_time else "lag"
+            return f"The output shows no {perhaps}."
+        samples = f"{self.samples:.2f} samples" + " or more, the search limit," * self.at_edge
+        amplifier = f", of an amplifier with {quantity(self.amplifier_s, 's', 3)}" if self.amplifier_s else ""
+        where = "; it is in the model" if self.in_model else "; it is left out as the sensor's" * self.removed
+        return (
+            f"The output lags by {samples} ({quantity(self.samples * sample_time, 's', 3)}){amplifier}: in a first fit "
+            f"the RMS error is {self.error_without_lag_percent:.3f} % of the range without a lag and "
+            f"{self.error_percent:.3f} % with it{where}."
+        )
+
+    @property
+    def advice(self) -> str:
+        """What to do about it; "" for nothing."""
+        if self.removed:
+            return "The model is without the lag of the sensor; a loop that the sensor closes has it."
+        if self.in_model or not self.is_significant:
+            return ""
+        if self.at_edge:
+            limit = f"{self.samples:.0f} samples, the search limit"
+            return f"Align input and output first: the lag may be longer than {limit}."
+        return "Take the lag into the model with the option --dynamics estimate, or remove it with --lag remove."
+
+
+@dataclass(frozen=True)
 class Separated:
     """A recording as of a static stage, with the start of its identification, and the dynamics behind that."""
 
@@ -165,32 +229,48 @@ class Separated:
     finding: DynamicsFinding | None = None
     left_out: Dynamics | None = None
     """A lag that the recording has, and the model is not to have."""
+    lag: Lag | None = None
+    """What a recording without a mode says of a lag; None where the drive does not move the output."""
 
 
 def separate(
     recording: Recording,
-    prepare: Callable[[Recording], Prepared],
+    prepare: Callable[..., Prepared],
     choice: DynamicsChoice | Dynamics,
+    lag: LagChoice,
+    skip: int,
     solving: Solving,
 ) -> Separated:
-    """Find the dynamics of a recording; ``prepare`` starts the identification of a static stage.
+    """Find the dynamics of a recording, of which ``skip`` samples or more are not counted; ``prepare`` starts the
+    identification of a static stage, and skips the samples that it finds or is given.
 
     IdentificationError if given dynamics are too fast for the sampling period.
     """
-    T = recording.sample_time
     if isinstance(choice, Dynamics):
         with checks.refusing(IdentificationError, f"{recording.name}: "):
-            choice.require(T)
+            choice.require(recording.sample_time)
         inverse = _through_inverse(recording, choice)
         prepared = prepare(inverse)
         trials = Trials.of(recording, inverse, prepared, solving)
-        return trials.separated(recording, prepared, trials.fit(Parameters(choice, T)))
-    head = recording.head(SAMPLES)
-    if choice == "ignore" or segment_of(head) < SHORTEST_SEGMENT:
-        return Separated(recording, prepare(recording))
+        return trials.separated(recording, prepared, trials.fit(Parameters(choice, recording.sample_time)))
+    separated = _with_modes(recording, prepare, skip, solving) if choice == "estimate" else None
+    if separated is None or separated.dynamics is None:
+        finding = None if separated is None else separated.finding
+        static = Separated(recording, prepare(recording), finding=finding)
+        return static if lag == "ignore" else _with_lag(recording, static, prepare, choice, lag, solving)
+    return separated
+
+
+def _with_modes(
+    recording: Recording, prepare: Callable[..., Prepared], skip: int, solving: Solving
+) -> Separated | None:
+    """The recording as of a stage without its modes; None if it shows none."""
+    T, head = recording.sample_time, recording.head(first_motion(recording, skip) + SAMPLES)
+    if segment_of(head) < SHORTEST_SEGMENT:
+        return None
     spectra = Spectra(head)
     if not _is_plausible(peak := spectra.peak()):
-        return Separated(recording, prepare(recording))
+        return None
     share = 1.0 if peak.share > WHOLE else max(peak.share, SMALLEST_GAIN)
     begin = Dynamics((peak.frequency_Hz,), (peak.damping,), (share,), DELAY * T)
     inverse = _through_inverse(recording, begin)
@@ -199,11 +279,37 @@ def separate(
     none = trials.fit(Parameters(Dynamics((), (), (), DELAY * T), T, free=True))
     best, rest = trials.best(none, Parameters(begin, T, free=True, residual=share < 1.0), spectra)
     if best is None:
-        return Separated(recording, prepare(recording))
+        return None
     finding = trials.judge(none, best, peak.gain, rest)
-    if not finding.kept:
-        return Separated(recording, prepare(recording), finding=finding)
-    return replace(trials.separated(recording, prepared, best), finding=finding)
+    separated = trials.separated(recording, prepared, best) if finding.kept else Separated(recording, prepared)
+    return replace(separated, finding=finding)
+
+
+def _with_lag(
+    recording: Recording,
+    separated: Separated,
+    prepare: Callable[..., Prepared],
+    choice: DynamicsChoice,
+    option: LagChoice,
+    solving: Solving,
+) -> Separated:
+    """The recording as of a stage without the lag that it has, if that is to be kept in the model or removed."""
+    prepared, T = separated.prepared, recording.sample_time
+    head = recording.head(first_motion(recording, prepared.skip) + SAMPLES)
+    trials = Trials.of(head, head, prepared, solving, USUAL)
+    shift = _best_shift(head.y, prepared.fit.y_model[: head.length])
+    late, lag = trials.lag([Dynamics((), (), (), T * samples) for samples in {0, shift}], choice, option)
+    if lag.is_significant:
+        static = trials.without_dynamics(head, late)
+        trials = Trials.of(head, static, prepare(static, prepared.skip), solving)
+        late, lag = trials.lag([found(late).start], choice, option)
+    if late.P[at := trials.structure.d + 1, at] == 0.0:
+        return separated
+    g = found(late).start
+    if not (lag.removed or lag.in_model):
+        return replace(separated, left_out=g if lag.is_significant else None, lag=lag)
+    static = trials.without_dynamics(recording, late)
+    return Separated(static, prepare(static, prepared.skip), g, separated.finding, lag=lag)
 
 
 def _beside(spectra: Spectra, g: Dynamics) -> Peak | None:
@@ -314,6 +420,38 @@ class Trials:
                 rest = _beside(spectra, found(best).start)
         return better(best, replace(found(best), with_lag=True)), rest
 
+    def lag(self, begins: Sequence[Dynamics], choice: DynamicsChoice, option: LagChoice) -> tuple[ForwardFit, Lag]:
+        """The best fit from one of some lags, with that of an amplifier where it is clearly better, and the lag."""
+        T, drift = self.recording.sample_time, Columns.of(np.linspace(-1.0, 1.0, self.recording.length))
+
+        def fitted(parameters: Parameters, *nears: ForwardFit | None) -> ForwardFit:
+            fits = (self.fit(parameters, near, steps=LAG_STEPS, further=drift) for near in nears)
+            return min(fits, key=lambda fit: fit.cost)
+
+        delays = [Parameters(Dynamics((), (), (), begin.lag_s(T)), T, free=True) for begin in begins]
+        late = min((fitted(delay, None) for delay in delays), key=lambda fit: fit.cost)
+        if option != "remove":
+            slow = fitted(Parameters(begins[0], T, free=True, with_lag=True), None, late)
+            late = slow if slow.cost < CLEAR * late.cost else late
+        prompt, own = fitted(Parameters(Dynamics((), (), (), 0.0), T), None, late), found(late)
+        samples = float(own.vector.sum())
+        uncertainty = DEVIATIONS * math.sqrt(np.diag(late.covariance)[self.structure.d + 1 :].max())
+        gains = late.cost < (1.0 - LAG_GAIN) ** 2 * prompt.cost
+        is_significant = gains and samples > max(SMALLEST_LAG, uncertainty)
+        at_edge = bool(own.vector.max() > LONGEST - RESOLUTION)
+        certain, remove = is_significant and not at_edge, option == "remove"
+        return late, Lag(
+            samples,
+            T * (samples + uncertainty),
+            own.start.amplifier_lag_s,
+            certain and remove,
+            certain and not remove and choice == "estimate",
+            self.percent(prompt.cost),
+            self.percent(late.cost),
+            at_edge,
+            is_significant,
+        )
+
     def judge(self, none: ForwardFit, best: ForwardFit, gain: float, rest: Peak | None) -> DynamicsFinding:
         """Decide whether the dynamics are kept."""
         g, T, count = found(best).start, self.recording.sample_time, int(np.count_nonzero(self.counted))
@@ -373,7 +511,7 @@ class Trials:
         for inside in (number % 2 == 0, number % 2 == 1):
             error = self.fit(found(fitted), fitted, inside & self.counted, FOLD_STEPS).error
             squares += np.where(self.counted & ~inside, error**2, 0.0)
-        return np.bincount(number, squares) + EXACT * block
+        return np.asarray(np.bincount(number, squares) + EXACT * block)
 
     def separated(self, recording: Recording, prepared: Prepared, fitted: ForwardFit) -> Separated:
         """The recording without the dynamics of a fit, and the start with that output."""
@@ -405,3 +543,13 @@ def _ringing(fit: ForwardFit, peak: Peak, T: float) -> Columns:
     late = [Dynamics((peak.frequency_Hz,), (peak.damping,), (1.0,), delay) for delay in (0.0, T)]
     signals = [np.column_stack([g.filter(v, T) - v for g in late]) for v in (fit.static[part] for part in fit.parts)]
     return Columns(np.concatenate(signals), np.full(2, -np.inf), np.full(2, np.inf))
+
+
+def _best_shift(y: Vector, y_model: Vector) -> int:
+    """Whole samples by which the output of a model (N,) is late to correlate the most with another one (N,)."""
+
+    def correlation(samples: int) -> float:
+        pair = y[samples:] - y.mean(), y_model[: y.size - samples] - y_model.mean()
+        return float(pair[0] @ pair[1]) / max(float(np.linalg.norm(pair[0]) * np.linalg.norm(pair[1])), 1e-300)
+
+    return max(range(min(int(LONGEST), y.size // 2)), key=correlation)

@@ -154,5 +154,5 @@ def cross_validate(
         model = fit_forward(recording, inside, s, fitted.states, fitted.v, solving, steps=STEPS, parameters=known)
         errors.append(s.y_scale * model.error)
         squares += [float(np.sum(error[held_out] ** 2)) for error in errors]
-    errors = np.sqrt(squares / np.count_nonzero(counted)).tolist()
-    return Baseline(*(percent_of(span, error) for error in errors), held_out=True)
+    line, cubic, model_error = (percent_of(span, rms) for rms in np.sqrt(squares / np.count_nonzero(counted)).tolist())
+    return Baseline(line, cubic, model_error, held_out=True)

@@ -1,6 +1,6 @@
 """From a recording to a model: equations (3) to (6) and the forward fit, in one call.
 
-    dynamics a resonance or a lag, and the recording as of a stage without it    `dynamics`, `sensor_lag`
+    dynamics a resonance or a lag, and the recording as of a stage without it    `dynamics`
     start    sign, transient, states before the first sample, a first fit        `start`
     creep    creep and drift, where the data determine them                      `creep`
     orders   n and m, from one Gram matrix of all candidates                     `selection`
@@ -25,7 +25,7 @@ from piezo_model.figures import figures_of
 from piezo_model.identification.adequacy import Adequacy, check_adequacy
 from piezo_model.identification.creep import Bounded, Determined, Drift, determine
 from piezo_model.identification.drive import drive_of
-from piezo_model.identification.dynamics import DynamicsChoice, Separated, separate
+from piezo_model.identification.dynamics import DynamicsChoice, LagChoice, Separated, separate
 from piezo_model.identification.dynamics_parameters import Parameters
 from piezo_model.identification.error_model import (
     IdentificationError,
@@ -48,7 +48,6 @@ from piezo_model.identification.selection import (
     Selection,
     select,
 )
-from piezo_model.identification.sensor_lag import Lag, separate_lag
 from piezo_model.identification.start import USUAL, Prepared, prepare, structure_of, y_range
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.model import Fitted, HysteresisCreepModel
@@ -57,7 +56,6 @@ from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Vector
 
-LagChoice = Literal["estimate", "remove", "ignore"]
 Estimator = Literal["forward", "error-model"]
 
 STEPS = 6
@@ -203,10 +201,7 @@ def _identified(recording: Recording, options: Options, solving: Solving, progre
     def start(static: Recording, skip: int | None = options.skip) -> Prepared:
         return prepare(static, first, solving, skip, options.state, fit_range=own_range)
 
-    separated, lag = separate(recording, start, options.dynamics, solving), None
-    if separated.dynamics is None and options.lag != "ignore":
-        keep, remove = options.dynamics == "estimate", options.lag == "remove"
-        separated, lag = separate_lag(recording, separated, start, solving, keep=keep, remove=remove)
+    separated = separate(recording, start, options.dynamics, options.lag, options.skip or 0, solving)
     static, prepared = separated.static, separated.prepared
     progress("creep", 1, 4)
     determined = determine(static, counted_from(recording, prepared.skip), prepared.fit, solving)
@@ -218,7 +213,7 @@ def _identified(recording: Recording, options: Options, solving: Solving, progre
     verdict, found = fitting.judged(final)
     if verdict.refusal is not None and not options.force:
         raise IdentificationError(f"{recording.name}: {verdict.refusal}")
-    return _reported(fitting, final, lag, verdict, found, selection)
+    return _reported(fitting, final, verdict, found, selection)
 
 
 Near = ForwardFit | Candidate
@@ -328,14 +323,15 @@ class Fitting:
 
 
 def _reported(
-    fitting: Fitting, final: Final, lag: Lag | None, verdict: Adequacy, found: Fit, selection: Selection | None
+    fitting: Fitting, final: Final, verdict: Adequacy, found: Fit, selection: Selection | None
 ) -> HysteresisCreepModel:
     """The model of a final fit, or the line that is as good, with its report."""
     recording, fit, problem, options = fitting.recording, final.fit, final.problem, fitting.options
     s, prepared, determined, solving = fit.structure, fitting.prepared, fitting.determined, fitting.solving
     straight = verdict.straight and found.line[1] > 0.0
     model = HysteresisCreepModel.from_weights(s, line(s, found) if straight else fit.weights)
-    g, removed = fit.dynamics, lag is not None and lag.removed
+    g, lag = fit.dynamics, fitting.separated.lag
+    removed = lag is not None and lag.removed
     apart = {"sensor_delay_s": g.delay_s} if removed and g else {"left_out": g or fitting.separated.left_out}
     model = replace(model, **({"dynamics": g} if g and not (straight or removed) else apart))
     if straight:

@@ -11,11 +11,10 @@ from typing import Any
 from piezo_model.identification.adequacy import Adequacy
 from piezo_model.identification.creep import Determined, Drift
 from piezo_model.identification.drive import Drive
-from piezo_model.identification.dynamics import DynamicsFinding
+from piezo_model.identification.dynamics import DynamicsFinding, Lag
 from piezo_model.identification.error_model import Certificate, Solving
 from piezo_model.identification.fit_errors import Fit
 from piezo_model.identification.selection import Selection
-from piezo_model.identification.sensor_lag import Lag
 from piezo_model.identification_problem import ExcitationReport
 from piezo_model.structure import ModelStructure
 from piezo_model.units import percent, quantity, shown

@@ -13,7 +13,7 @@ from programs import real_recording
 from scipy.signal import chirp, lfilter, sawtooth
 
 from piezo_model import HysteresisCreepModel, IdentificationError, Recording, identify, plants
-from piezo_model.identification import sensor_lag
+from piezo_model.identification import dynamics
 from piezo_model.operator_state import OperatorState, padded_thresholds
 
 
@@ -128,7 +128,7 @@ def test_a_lag_beyond_the_longest_tried_one_is_reported_as_a_lower_bound() -> No
 
 
 def test_a_lag_is_identified_after_a_rest_longer_than_the_samples_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sensor_lag, "LAG_SAMPLES", 6000)
+    monkeypatch.setattr(dynamics, "SAMPLES", 6000)
     s, x = structure(creep_rates=()), np.concatenate([np.full(7000, 50.0), a_drive()])
     state = OperatorState.settled_at(s, 50.0)
     model = identify(x[4:], true_model(s).simulate(x, state.copy())[:-4], s, state=state, skip=100, force=True)
