@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from known_models import a_drive, structure, true_model
@@ -204,19 +204,6 @@ def test_a_known_resonance_is_fitted_with_the_weights() -> None:
         assert getattr(fit.dynamics, name) == pytest.approx(value, rel=1e-3)
 
 
-@pytest.mark.parametrize("gain", [1.0 - 1e-8, 0.01 + 1e-8])
-def test_a_derivative_at_a_bound_of_the_search_is_taken_on_the_inner_side(gain: float) -> None:
-    model, x = ringing(creep_rates=()), a_drive()
-    s, state = model.structure, OperatorState.settled_at(model.structure, x[0])
-    recording, counted = Recording.from_arrays(x, model.simulate(x, state), 5e-3), np.ones(x.size, dtype=bool)
-    begun = Parameters(Dynamics((11.0,), (0.02,), (gain,), 2e-3), 5e-3, free=True, residual=True)
-    v, along = s.inverse_slope_map @ s.straight_line, np.zeros(s.d + begun.vector.size)
-    fit = fit_forward(recording, counted, s, [state], v, Solving(), steps=0, parameters=begun)
-    along[s.d + 2] = 1.0
-    np.testing.assert_allclose(fit.derivative(along), -fit.derivative(-along), rtol=1e-9)
-    assert np.abs(fit.derivative(along)).max() > 0.01
-
-
 @pytest.mark.parametrize("seed", range(2))
 def test_a_recording_of_ten_thousand_times_the_period_gives_the_same_model(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -233,17 +220,17 @@ def test_a_recording_of_ten_thousand_times_the_period_gives_the_same_model(seed:
 def test_every_point_of_the_box_of_a_search_and_a_step_beyond_it_is_a_stage(
     data: st.DataObject, count: int, residual: bool, period: float
 ) -> None:
-    f = np.sort(data.draw(arrays(float, count, elements=st.floats(1e-4, 0.35), unique=True))) / period
-    zeta, late = data.draw(arrays(float, count, elements=st.floats(1e-3, 0.9))), data.draw(st.floats(0.0, 30.0))
-    assume(np.all(np.diff(np.log(f)) > 1e-6))
-    begun = Dynamics(f, zeta, np.full(count, 1.0 / max(count, 1)), late * period, late * period)
-    near = Parameters(begun, period, True, residual and count > 0, True)
-    box = Box(*near.bounds)
-    theta = data.draw(arrays(float, near.vector.size, elements=st.floats(0.0, 1.0))) * (box.high - box.low) + box.low
+    f = np.sort(data.draw(arrays(int, count, elements=st.integers(1, 3500), unique=True))) / (1e4 * period)
+    zeta, late = (
+        data.draw(arrays(float, count, elements=st.floats(1e-3, 0.9))),
+        data.draw(st.floats(0.0, 30.0)) * period,
+    )
+    begun = Dynamics(f, zeta, np.full(count, 1.0 / max(count, 1)), late, late)
+    box = Box(*(near := Parameters(begun, period, True, residual and count > 0, True)).bounds)
+    theta = box.low + data.draw(arrays(float, box.low.size, elements=st.floats(0.0, 1.0))) * (box.high - box.low)
     for along in np.eye(theta.size):
         at, made = box.step(theta, along)
-        assert abs(made) > 1e-6
-        np.testing.assert_allclose(at, box.inside(at), rtol=1e-12)
+        np.testing.assert_allclose(at, box.inside(theta + np.copysign(max(abs(made), 1e-6), made) * along), rtol=1e-12)
         for point in (at, theta + 1e3 * along, theta - 1e3 * along):
             near.at(box.inside(point))  # whose dynamics refuse what is out of order or range
 
