@@ -339,6 +339,7 @@ def _reported(
         found = fit_of(recording, s, errors, prepared.skip, fitting.span)
     known = options.estimator == "forward" and not straight
     starts = zip(recording.starts, prepared.starts, fit.states, strict=True)
+    per_s, error = 2.0 * s.y_scale / recording.duration_s, abs(s.y_scale) * math.sqrt(fit.cost)
     report = FitReport(
         estimator=options.estimator,
         solving=solving,
@@ -353,19 +354,15 @@ def _reported(
         drive=drive_of(recording, prepared.skip, determined),
         determined=determined,
         creep_chosen=options.chooses_creep,
-        drift=None if final.drift is None else _drift(fit, final.drift, recording, fitting.span),
+        drift=None
+        if final.drift is None
+        else Drift(per_s * float(fit.further[0]), abs(per_s) * final.drift.se, percent_of(fitting.span, error)),
         selection=selection,
         intervals=intervals(fit) if known else None,
         figures=figures_of(model),
         units=recording.units,
     )
     return replace(model, report=report.to_dict(s), start=fit.states[0])
-
-
-def _drift(fit: ForwardFit, estimate: Bounded, recording: Recording, span: float) -> Drift:
-    per_s = 2.0 * fit.structure.y_scale / recording.duration_s
-    rms_percent = percent_of(span, abs(fit.structure.y_scale) * math.sqrt(fit.cost))
-    return Drift(per_s * float(fit.further[0]), abs(per_s) * estimate.se, rms_percent)
 
 
 def _recording_of(x: ArrayLike | Recording, y: ArrayLike | None, structure: ModelStructure | None) -> Recording:
