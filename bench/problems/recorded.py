@@ -23,7 +23,7 @@ from bench.problems.protocol import ProblemSet, RaceProblem, Validation, certifi
 from piezo_model import DataBasis, HysteresisCreepModel, Recording, identify
 from piezo_model.identification.creep import candidate_rates
 from piezo_model.identification.error_model import IdentificationError, Solving
-from piezo_model.identification.start import Prepared, prepare, structure_of
+from piezo_model.identification.start import InitialFit, prepare, structure_of
 from piezo_model.recordings.options import ReadOptions
 
 ORDERS = ((5, 3), (2, 1), (8, 4), (12, 6), (20, 9))
@@ -127,7 +127,7 @@ class Recorded(ProblemSet):
 
 
 def _update(
-    basis: DataBasis, recording: Recording, prepared: Prepared, first: int, last: int, count: bool = True
+    basis: DataBasis, recording: Recording, prepared: InitialFit, first: int, last: int, count: bool = True
 ) -> None:
     """Take the samples from ``first`` up to ``last``; a part begins with the states before it."""
     states = dict(zip(recording.starts, prepared.fit.states, strict=True))
@@ -180,7 +180,7 @@ def part(whole: Recording, samples: slice) -> Recording:
     return replace(found, starts=whole.part(samples).starts)
 
 
-def preprocessed(recording: Recording, n: int, m: int, creep_rates: Sequence[float]) -> Prepared:
+def preprocessed(recording: Recording, n: int, m: int, creep_rates: Sequence[float]) -> InitialFit:
     """Model structure with the ranges after the transient, length of the transient, and initial states."""
     structure = structure_of(recording, n, m, creep_rates)
     return prepare(recording, structure, Solving(SOLVER, PROXIMAL), fit_range=True)

@@ -89,7 +89,7 @@ class Bounded:
 
 
 @dataclass(frozen=True)
-class Determined:
+class CreepEvidence:
     """What a recording determines beside hysteresis."""
 
     rates: tuple[float, ...]
@@ -166,7 +166,7 @@ def candidate_rates(sample_time: float, duration_s: float) -> tuple[float, ...]:
     return tuple(float(f"{10.0**k:.6g}") for k in range(math.floor(fastest + 1e-9), math.floor(slowest + 1e-9) - 1, -1))
 
 
-def determine(recording: Recording, counted: Mask, fit: ForwardFit, solving: Solving) -> Determined:
+def determine(recording: Recording, counted: Mask, fit: ForwardFit, solving: Solving) -> CreepEvidence:
     """Judge creep and drift over all samples beside the memory curve of a fit, and over the held ones alone, where any
     hysteresis rests."""
     s, count, parts = fit.structure, int(np.count_nonzero(counted)), recording.parts
@@ -217,7 +217,7 @@ def _judged(
     decays: Matrix,
     rates: tuple[float, ...],
     edges: Index,
-) -> Determined:
+) -> CreepEvidence:
     """Judge creep and drift beside the columns of a null (M, p); the signals (M, 2) are output and time, of parts that
     begin at the edges."""
     left, used = _residual(null, np.hstack([signals, states, decays]))
@@ -245,7 +245,7 @@ def _judged(
     if not (known >= DRIFT_INFORMATION and explained >= DRIFT_SHARE and significance >= DRIFT_CHI_SQUARE):
         drifting = []
     estimates, left_over = _fit(error, creeping + drifting, independent)
-    return Determined(
+    return CreepEvidence(
         admitted if driven else (),
         estimates[0] if creeping and driven else None,
         estimates[-1] if drifting else None,

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.signal import csd
 
 from piezo_model.identification.adequacy import is_monotonic, is_undersampled
-from piezo_model.identification.creep import Determined
+from piezo_model.identification.creep import CreepEvidence
 from piezo_model.operators import play
 from piezo_model.recordings import Recording
 from piezo_model.units import quantity
@@ -67,7 +67,7 @@ def _listed(names: Sequence[str], last: str) -> str:
     return f" {last} ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
 
 
-def drive_of(recording: Recording, skip: int, determined: Determined) -> Drive:
+def drive_of(recording: Recording, skip: int, determined: CreepEvidence) -> Drive:
     """What the drive of a recording can determine after the skipped samples."""
     x = recording.x[skip:]
     levels = level_count(x)

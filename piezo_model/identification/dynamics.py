@@ -46,7 +46,7 @@ from piezo_model.identification.forward import EXACT, Columns, ForwardFit, fit_f
 from piezo_model.identification.moving import movement
 from piezo_model.identification.resonance import SHORTEST_SEGMENT, Peak, Spectra, segment_of
 from piezo_model.identification.selection import state_on, union_of, with_orders
-from piezo_model.identification.start import USUAL, Prepared, first_motion
+from piezo_model.identification.start import USUAL, InitialFit, first_motion
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
 from piezo_model.units import quantity
@@ -220,11 +220,11 @@ class Lag:
 
 
 @dataclass(frozen=True)
-class Separated:
+class StaticView:
     """A recording as of a static stage, with the start of its identification, and the dynamics behind that."""
 
     static: Recording
-    prepared: Prepared
+    prepared: InitialFit
     dynamics: Dynamics | None = None
     finding: DynamicsFinding | None = None
     left_out: Dynamics | None = None
@@ -235,12 +235,12 @@ class Separated:
 
 def separate(
     recording: Recording,
-    prepare: Callable[..., Prepared],
+    prepare: Callable[..., InitialFit],
     choice: DynamicsChoice | Dynamics,
     lag: LagChoice,
     skip: int,
     solving: Solving,
-) -> Separated:
+) -> StaticView:
     """Find the dynamics of a recording, of which ``skip`` samples or more are not counted; ``prepare`` starts the
     identification of a static stage, and skips the samples that it finds or is given.
 
@@ -251,19 +251,19 @@ def separate(
             choice.require(recording.sample_time)
         inverse = _through_inverse(recording, choice)
         prepared = prepare(inverse)
-        trials = Trials.of(recording, inverse, prepared, solving)
+        trials = DynamicsTrials.of(recording, inverse, prepared, solving)
         return trials.separated(recording, prepared, trials.fit(Parameters(choice, recording.sample_time)))
     separated = _with_modes(recording, prepare, skip, solving) if choice == "estimate" else None
     if separated is None or separated.dynamics is None:
         finding = None if separated is None else separated.finding
-        static = Separated(recording, prepare(recording), finding=finding)
+        static = StaticView(recording, prepare(recording), finding=finding)
         return static if lag == "ignore" else _with_lag(recording, static, prepare, choice, lag, solving)
     return separated
 
 
 def _with_modes(
-    recording: Recording, prepare: Callable[..., Prepared], skip: int, solving: Solving
-) -> Separated | None:
+    recording: Recording, prepare: Callable[..., InitialFit], skip: int, solving: Solving
+) -> StaticView | None:
     """The recording as of a stage without its modes; None if it shows none."""
     T, head = recording.sample_time, recording.head(first_motion(recording, skip) + SAMPLES)
     if segment_of(head) < SHORTEST_SEGMENT:
@@ -275,33 +275,33 @@ def _with_modes(
     begin = Dynamics((peak.frequency_Hz,), (peak.damping,), (share,), DELAY * T)
     inverse = _through_inverse(recording, begin)
     prepared = prepare(inverse)
-    trials = Trials.of(head, inverse, prepared, solving)
+    trials = DynamicsTrials.of(head, inverse, prepared, solving)
     none = trials.fit(Parameters(Dynamics((), (), (), DELAY * T), T, free=True))
     best, rest = trials.best(none, Parameters(begin, T, free=True, residual=share < 1.0), spectra)
     if best is None:
         return None
     finding = trials.judge(none, best, peak.gain, rest)
-    separated = trials.separated(recording, prepared, best) if finding.kept else Separated(recording, prepared)
+    separated = trials.separated(recording, prepared, best) if finding.kept else StaticView(recording, prepared)
     return replace(separated, finding=finding)
 
 
 def _with_lag(
     recording: Recording,
-    separated: Separated,
-    prepare: Callable[..., Prepared],
+    separated: StaticView,
+    prepare: Callable[..., InitialFit],
     choice: DynamicsChoice,
     option: LagChoice,
     solving: Solving,
-) -> Separated:
+) -> StaticView:
     """The recording as of a stage without the lag that it has, if that is to be kept in the model or removed."""
     prepared, T = separated.prepared, recording.sample_time
     head = recording.head(first_motion(recording, prepared.skip) + SAMPLES)
-    trials = Trials.of(head, head, prepared, solving, USUAL)
+    trials = DynamicsTrials.of(head, head, prepared, solving, USUAL)
     shift = _best_shift(head.y, prepared.fit.y_model[: head.length])
     late, lag = trials.lag([Dynamics((), (), (), T * samples) for samples in {0, shift}], choice, option)
     if lag.is_significant:
         static = trials.without_dynamics(head, late)
-        trials = Trials.of(head, static, prepare(static, prepared.skip), solving)
+        trials = DynamicsTrials.of(head, static, prepare(static, prepared.skip), solving)
         late, lag = trials.lag([found(late).start], choice, option)
     if late.P[at := trials.structure.d + 1, at] == 0.0:
         return separated
@@ -309,7 +309,7 @@ def _with_lag(
     if not (lag.removed or lag.in_model):
         return replace(separated, left_out=g if lag.is_significant else None, lag=lag)
     static = trials.without_dynamics(recording, late)
-    return Separated(static, prepare(static, prepared.skip), g, separated.finding, lag=lag)
+    return StaticView(static, prepare(static, prepared.skip), g, separated.finding, lag=lag)
 
 
 def _beside(spectra: Spectra, g: Dynamics) -> Peak | None:
@@ -337,7 +337,7 @@ def _as_of_static(recording: Recording, dynamics: Dynamics, y: Vector) -> Record
 
 
 @dataclass(frozen=True)
-class Trials:
+class DynamicsTrials:
     """Forward fits of one recording with different dynamics."""
 
     recording: Recording
@@ -354,10 +354,10 @@ class Trials:
         cls,
         recording: Recording,
         inverse: Recording,
-        prepared: Prepared,
+        prepared: InitialFit,
         solving: Solving,
         orders: tuple[int, int] = ORDERS,
-    ) -> Trials:
+    ) -> DynamicsTrials:
         """From the start of a static stage, that of the recording through an inverse, of which both may be longer."""
         own, counted = prepared.structure, counted_from(recording, prepared.skip)
         s = with_orders(own, *orders, own.creep_rates or candidate_rates(recording.sample_time, recording.duration_s))
@@ -513,13 +513,13 @@ class Trials:
             squares += np.where(self.counted & ~inside, error**2, 0.0)
         return np.asarray(np.bincount(number, squares) + EXACT * block)
 
-    def separated(self, recording: Recording, prepared: Prepared, fitted: ForwardFit) -> Separated:
+    def separated(self, recording: Recording, prepared: InitialFit, fitted: ForwardFit) -> StaticView:
         """The recording without the dynamics of a fit, and the start with that output."""
         static = self.without_dynamics(recording, fitted)
         counted, before = counted_from(static, prepared.skip), prepared.fit
         near = prepared.structure, before.states, before.v
         settled = fit_forward(static, counted, *near, self.solving, searched=prepared.searched)
-        return Separated(static, replace(prepared, fit=settled), found(fitted).start)
+        return StaticView(static, replace(prepared, fit=settled), found(fitted).start)
 
     def without_dynamics(self, recording: Recording, fitted: ForwardFit) -> Recording:
         """The recording, of which the trials may be the head, with the output that the stage would have without the

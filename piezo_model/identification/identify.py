@@ -23,9 +23,9 @@ from piezo_model import checks
 from piezo_model.dynamics import Dynamics
 from piezo_model.figures import figures_of
 from piezo_model.identification.adequacy import Adequacy, check_adequacy
-from piezo_model.identification.creep import Bounded, Determined, Drift, determine
+from piezo_model.identification.creep import Bounded, CreepEvidence, Drift, determine
 from piezo_model.identification.drive import drive_of
-from piezo_model.identification.dynamics import DynamicsChoice, LagChoice, Separated, separate
+from piezo_model.identification.dynamics import DynamicsChoice, LagChoice, StaticView, separate
 from piezo_model.identification.dynamics_parameters import Parameters
 from piezo_model.identification.error_model import (
     IdentificationError,
@@ -48,7 +48,7 @@ from piezo_model.identification.selection import (
     Selection,
     select,
 )
-from piezo_model.identification.start import USUAL, Prepared, prepare, structure_of, y_range
+from piezo_model.identification.start import USUAL, InitialFit, prepare, structure_of, y_range
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.model import Fitted, HysteresisCreepModel
 from piezo_model.operator_state import OperatorState, States
@@ -198,7 +198,7 @@ def _identified(recording: Recording, options: Options, solving: Solving, progre
     progress("start", 0, 4)
     own_range = options.structure is None
 
-    def start(static: Recording, skip: int | None = options.skip) -> Prepared:
+    def start(static: Recording, skip: int | None = options.skip) -> InitialFit:
         return prepare(static, first, solving, skip, options.state, fit_range=own_range)
 
     separated = separate(recording, start, options.dynamics, options.lag, options.skip or 0, solving)
@@ -237,13 +237,13 @@ class Fitting:
     """Final fits of a recording, after what was found before them."""
 
     recording: Recording
-    separated: Separated
-    determined: Determined
+    separated: StaticView
+    determined: CreepEvidence
     options: Options
     solving: Solving
 
     @property
-    def prepared(self) -> Prepared:
+    def prepared(self) -> InitialFit:
         """The start, as of a static stage."""
         return self.separated.prepared
 

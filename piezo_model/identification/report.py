@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, is_dataclass
 from typing import Any
 
 from piezo_model.identification.adequacy import Adequacy
-from piezo_model.identification.creep import Determined, Drift
+from piezo_model.identification.creep import CreepEvidence, Drift
 from piezo_model.identification.drive import Drive
 from piezo_model.identification.dynamics import DynamicsFinding, Lag
 from piezo_model.identification.error_model import Certificate, Solving
@@ -56,7 +56,7 @@ class FitReport:
     start: str
     parts: Sequence[Mapping[str, Any]]
     drive: Drive
-    determined: Determined
+    determined: CreepEvidence
     creep_chosen: bool
     drift: Drift | None
     selection: Selection | None

@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import median_filter
 
-from piezo_model.identification.creep import Determined
+from piezo_model.identification.creep import CreepEvidence
 from piezo_model.identification.error_model import Solving, States, percent_of
 from piezo_model.identification.forward import MIN_SLOPE, Box, ForwardFit, piece_slopes
 from piezo_model.identification.gram_matrix import gram_of
@@ -143,7 +143,7 @@ def select(
     recording: Recording,
     counted: Mask,
     fit: ForwardFit,
-    determined: Determined,
+    determined: CreepEvidence,
     rates: Sequence[float],
     solving: Solving,
     span: float,
@@ -213,7 +213,7 @@ def _candidate(
     union: ModelStructure,
     gram: Matrix,
     moved: Mask,
-    determined: Determined,
+    determined: CreepEvidence,
     independent: float,
     solving: Solving,
     span: float,

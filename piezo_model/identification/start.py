@@ -68,7 +68,7 @@ def structure_of(recording: Recording, n: int, m: int, creep_rates: Sequence[flo
 
 
 @dataclass(frozen=True)
-class Prepared:
+class InitialFit:
     """What precedes the choice of a model."""
 
     structure: ModelStructure
@@ -92,7 +92,7 @@ def prepare(
     state: OperatorState | None = None,
     *,
     fit_range: bool = False,
-) -> Prepared:
+) -> InitialFit:
     """Find the sign of the output, the samples to skip, and the states before the first sample of each part.
 
     By default the samples of a transient are skipped; with ``fit_range`` the output's range in the structure becomes
@@ -145,7 +145,7 @@ def _ranged(recording: Recording, s: ModelStructure, skip: int, fit_range: bool)
     return replace(s, y_centre=0.5 * (low + high), y_scale=math.copysign(0.5 * (high - low), s.y_scale))
 
 
-def _narrowed(recording: Recording, found: Prepared, solving: Solving) -> Prepared:
+def _narrowed(recording: Recording, found: InitialFit, solving: Solving) -> InitialFit:
     """The same in the range of the modelled output: noise widens that of the measured one, so that the outermost pieces
     of S⁻¹ would hardly be visited."""
     fit, s, counted = found.fit, found.structure, counted_from(recording, found.skip)
@@ -160,7 +160,7 @@ def _narrowed(recording: Recording, found: Prepared, solving: Solving) -> Prepar
 
 def _fitted(
     recording: Recording, s: ModelStructure, skip: int, solving: Solving, state: OperatorState | None = None
-) -> Prepared:
+) -> InitialFit:
     """The forward fit from the best start of every part, or from given states of the first."""
     counted, sweeps = counted_from(recording, skip), list(recording.sweeps())
 
@@ -173,7 +173,7 @@ def _fitted(
 
     if len(sweeps) == 1:
         start, best = ("given", fit(0.0)) if state is not None else best_start(s.n, fit, search)
-        return Prepared(s, skip, [start], best)
+        return InitialFit(s, skip, [start], best)
     start, best = best_start(s.n, fit)
     starts, states = [start] * len(sweeps), list(best.states)
     for i, (sweep, part) in enumerate(zip(sweeps, recording.parts, strict=True)):
@@ -184,7 +184,7 @@ def _fitted(
         starts[0], states[0] = "given", state
     searched = [start == SEARCHED for start in starts]
     best = fit_forward(recording, counted, s, states, best.v, solving, searched=searched)
-    return Prepared(s, skip, starts, best)
+    return InitialFit(s, skip, starts, best)
 
 
 def start_of(
