@@ -146,8 +146,11 @@ READING: dict[str, Any] = {
     "decimal": Annotated[
         str | None, typer.Option(metavar="MARK", help="Decimal mark of a text, '.' or ','; detected by default.")
     ],
-    "sheet": Annotated[
-        str | None, typer.Option(metavar="NAME", help="Sheet of a workbook; the largest table by default.")
+    "table": Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME", help="Number or name of a table, where a file has several that can be the recording."
+        ),
     ],
     "resample": Annotated[
         float | None,

@@ -84,7 +84,7 @@ def inspect_verb(
     table = (
         joining.joined(reading["input"], reading["output"], reading.get("time"), options)[0]
         if recording is None
-        else opening.open_table(recording, options)
+        else opening.open_table(recording, {each: reading.get(each) for each in ("time", "input", "output")}, options)
     )
     refused, opened = None, None
     try:

@@ -77,8 +77,9 @@ def _channel(
     """Table, times in seconds (None where the file has none), values and their column, "s" or "" where seconds are a
     guess, and the reasons of the guesses."""
     path, column = split_name(name)
-    table = open_table(path, options)
-    roles = choose_roles(table, {"time": time, "reference": column}, options.sample_time is not None)
+    named = {"time": time, "reference": column}
+    table = open_table(path, named, options)
+    roles = choose_roles(table, named, options.sample_time is not None)
     clock, k = roles.columns.get("time"), roles.columns["reference"]
     if clock is None:
         return (table, None, table.read([k])[0], table.columns[k], "", roles.reasons)

@@ -1,4 +1,7 @@
-"""Where the table of a text is: header, units and the first row of numbers.
+"""Where the tables of a text are: header, units and the first row of numbers of each.
+
+A table begins where a line of names that are not those of the table before stands above a row of numbers; so the names
+and numbers of a preamble are a table of few rows, and belong to the one below.
 
 Every pair of separator and decimal mark is tried on the first lines. The best pair gives the rows of equal width that
 hold the most numbers; the lines above the first of them are header, units and remarks. Settings that an oscilloscope
@@ -7,14 +10,14 @@ writes beside its first rows are columns of text.
 
 import re
 from collections import Counter, defaultdict
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
 
 from piezo_model.recordings.dialect import COMMENT, SEPARATORS, Dialect, cells_of
 from piezo_model.recordings.stated_period import period_in
-from piezo_model.recordings.table import Column, Kind
+from piezo_model.recordings.table import FEW_ROWS, Column, Kind, printable
 from piezo_model.units import canonical
 
 SPACED = Dialect(", ", ",")
@@ -31,6 +34,10 @@ SETTINGS = 40
 """Rows beside which an oscilloscope writes its settings."""
 REMARKS = 8
 """Lines above the first row that may come again between the sweeps of a recording."""
+MARKS, LONGEST_TITLE = "[]<>=:*#%!/;, \t\r\n", 60
+"""Characters around a heading, and most of its own."""
+LINE = re.compile(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+")
+PLAIN = re.compile(r"[0-9+\-.,;|:eE\s]*")
 
 
 @dataclass(frozen=True)
@@ -54,12 +61,84 @@ class Layout:
     """What states a sampling period, and cannot be read as one."""
 
 
-def layout_of(lines: Sequence[str], decimal: str | None = None, header_row: int | None = None) -> Layout | None:
+@dataclass
+class Region:
+    """A table among the lines of a file, with what stands above it."""
+
+    line: int = 0
+    begin: int = 0
+    """Lines and bytes before it."""
+    names: int = 0
+    """Lines of it above the one that names its columns."""
+    title: str = ""
+    """The text above its names."""
+    rows: int = 0
+    width: int = 0
+    key: set[str] = field(default_factory=set)
+    """The lines above its first row; those that do not name columns with every number as 0."""
+
+
+def regions_of(blocks: Iterable[str], dialect: Dialect, size: Callable[[str], int] = len) -> list[Region]:
+    """The tables among lines, given in blocks of whole ones whose size in the file is to be counted."""
+    found, above, line, begin, end = [Region()], list[tuple[int, str]](), 0, 0, (0, 0)
+    for block in blocks:
+        plain = bool(found[-1].rows and not above and PLAIN.fullmatch(block))
+        for text in [block] if plain else LINE.findall(block):
+            cells = [] if plain or dialect.is_comment(text) else dialect.split(text)
+            kinds = [dialect.kind(cell) for cell in cells]
+            names = _header_above(dialect, above, kinds, found[-1])
+            has_numbers = "number" in kinds or "clock" in kinds
+            is_row = names is not None or "text" not in kinds or len(cells) == found[-1].width
+            if plain or (has_numbers and is_row):
+                key = {_key(dialect, row) for at, row in above if at == names or not dialect.is_comment(row)}
+                if names is not None and not key <= found[-1].key:
+                    titles = [row for at, row in above if at < names and len(dialect.split(row)) == 1]
+                    title = printable("".join(titles[-1:]).strip(MARKS))[:LONGEST_TITLE]
+                    found.append(Region(*end, names - end[0], title, key=key))
+                found[-1].rows += (text.count("\n") or text.count("\r")) if plain else 1
+                found[-1].width = found[-1].width or len(cells)
+                above = []
+            elif re.search(r"\w", text):
+                above = [*above[-SETTINGS:], (line, text)]
+            line, begin = line + ((text.count("\n") or text.count("\r")) if plain else 1), begin + size(text)
+            end = end if above else (line, begin)
+    for k in reversed(range(len(found) - 1)):
+        upper, lower = found[k : k + 2]
+        if upper.rows < min(FEW_ROWS, lower.rows):
+            lower.names += lower.line - upper.line
+            lower.line, lower.begin = upper.line, upper.begin
+            del found[k]
+    return found
+
+
+def _header_above(
+    dialect: Dialect, above: Sequence[tuple[int, str]], kinds: Sequence[Kind], table: Region
+) -> int | None:
+    """The line that names the columns of a row of these kinds among the last ones above it; None without one."""
+    numbers, texts = sum(kind in ("number", "clock") for kind in kinds), kinds.count("text")
+    for at, line in reversed(above[-REMARKS_BELOW_HEADER - 1 :] if numbers else ()):
+        written = [name for name in _names(dialect, line, kinds) or () if dialect.kind(name) == "text"]
+        split = len(dialect.split(_uncommented(dialect, line))) > 1 and not dialect.is_comment(line)
+        if len(set(written)) > 1 and 2 * (len(written) - texts) >= numbers and (split or not table.rows):
+            return at
+    return None
+
+
+def _key(dialect: Dialect, line: str) -> str:
+    """A line of names, or another one with every number as 0."""
+    cells = dialect.split(line)
+    return as_remark(line) if len(cells) == 1 or "number" in map(dialect.kind, cells) else line.strip()
+
+
+def layout_of(
+    lines: Sequence[str], decimal: str | None = None, header_row: int | None = None, first: int = 0
+) -> Layout | None:
     """Find the table in the first complete lines of a file; None without rows of numbers.
 
-    The user may give the decimal mark, and the row that names the columns, counted from 1, or 0 for none.
+    The user may give the decimal mark, and the row that names the columns, counted from 1, or 0 for none. Its rows are
+    sought from the ``first`` line on.
     """
-    first = header_row or 0
+    first = header_row or first
     quoted = any('"' in line for line in lines)
     lines, stated = _without_settings(lines)
     spaced = decimal != "." and not quoted and _has_spaced_commas(lines[first:])

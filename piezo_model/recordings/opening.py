@@ -3,6 +3,7 @@ where the numbers cannot be in their units."""
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from piezo_model.recordings.order import refuse_sorted
 from piezo_model.recordings.roles import NO_CLOCK, choose_roles
 from piezo_model.recordings.rows import Rows
 from piezo_model.recordings.samples import sample
-from piezo_model.recordings.table import ABSURD, PROFILED, RecordingError, Table
+from piezo_model.recordings.table import ABSURD, FEW_ROWS, PROFILED, RecordingError, Table
 from piezo_model.units import LENGTHS, PREFIXES, VOLTAGES, canonical, quantity, seconds
 from solvers.arrays import Vector
 
@@ -25,11 +26,43 @@ GUESS = " (seconds are a guess, otherwise --time-unit)"
 PREFIX = {"p": 1e-12, **PREFIXES}
 
 
-def open_table(path: str | Path, options: ReadOptions | None = None) -> Table:
-    """Open a table of any known format; see :func:`piezo_model.recordings.formats.open_table`."""
+def open_table(path: str | Path, named: Mapping[str, str | None], options: ReadOptions) -> Table:
+    """The table of a file that the user has chosen, or the only one whose columns can be told.
+
+    Raises
+    ------
+    RecordingError
+        Several tables that can be the recording, or none of several; see also
+        :func:`piezo_model.recordings.formats.open_tables`.
+    """
     from piezo_model.recordings import formats  # imports pyarrow
 
-    return formats.open_table(path, options)
+    tables = formats.open_tables(path, options)
+    listed = [f"{k} {table.about}" for k, table in enumerate(tables, start=1)]
+    if options.table is not None:
+        wanted = options.table.casefold()
+        fits = [int(wanted) - 1] if wanted.isdigit() and 0 < int(wanted) <= len(tables) else []
+        for test in (wanted.__eq__, lambda title: wanted in title):
+            fits = fits or [k for k, table in enumerate(tables) if test(table.title.casefold())]
+        question = f"has {len(fits) or 'no'} tables {options.table!r}"
+    elif len(tables) > 1:
+        long = [k for k, table in enumerate(tables) if (table.rows or 0) > FEW_ROWS]
+        fits = [k for k in long if _has_roles(tables[k], named, options)]
+        question = f"has {len(tables)} tables, and {len(fits) or 'none'} of them can be the recording by their columns"
+    else:
+        return tables[0]
+    if len(fits) != 1:
+        raise RecordingError(f"{path}: {question}; --table takes a number or a name: {'; '.join(listed)}")
+    chosen, about = tables[fits[0]], listed.pop(fits[0])
+    return replace(chosen, form=f"{chosen.form}, table {about}, without {'; '.join(listed)}") if listed else chosen
+
+
+def _has_roles(table: Table, named: Mapping[str, str | None], options: ReadOptions) -> bool:
+    try:
+        choose_roles(table, named, options.sample_time is not None)
+    except RecordingError:
+        return False
+    return True
 
 
 def read_signals(

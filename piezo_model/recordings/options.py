@@ -24,8 +24,8 @@ class ReadOptions:
     """Row of a text or a sheet that names the columns, counted from 1; 0 for none."""
     decimal: str | None = None
     """Decimal mark of a text: "." or ","."""
-    sheet: str | None = None
-    """Sheet of a workbook."""
+    table: str | None = None
+    """Number or name of one of several tables: the text above it, or its sheet."""
     resample: float | None = None
     """Sampling period in seconds to interpolate to, for uneven times."""
     input_unit: str | None = None

@@ -144,7 +144,7 @@ class Recording(Source):
             return cls.join(input, output, time, **reading)
         options = ReadOptions(**reading)
         named = {"time": time, "input": input, "output": output}
-        return cls._of(*read_signals(open_table(path, options), named, options))
+        return cls._of(*read_signals(open_table(path, named, options), named, options))
 
     @classmethod
     def join(cls, input: str, output: str, time: str | None = None, **reading: Any) -> Self:
@@ -378,8 +378,8 @@ def read_reference(
     RecordingError
         With one sentence that names file, column and row.
     """
-    options = ReadOptions(**reading)
-    about, rows, (unit,) = read_signals(open_table(path, options), {"time": time, role: column}, options)
+    options, named = ReadOptions(**reading), {"time": time, role: column}
+    about, rows, (unit,) = read_signals(open_table(path, named, options), named, options)
     return Reference(**about, values=rows.signals[0], unit=unit)
 
 

@@ -18,14 +18,13 @@ import pyarrow.csv as arrow_csv
 
 from piezo_model.recordings.dialect import COMMENT_MARKS, FLAGS, NULLS, RUNS
 from piezo_model.recordings.formats.arrow import array_of
-from piezo_model.recordings.layout import Layout, as_remark
+from piezo_model.recordings.layout import LINE, Layout, as_remark
 from piezo_model.recordings.table import RecordingError, first_line
 
 BLOCK_BYTES = LONGEST_LINE = 1 << 20
 LARGEST_BLOCK = 1 << 24
 """Bytes of a block with the rest of the one before, in UTF-8."""
-LINE = re.compile(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+")
-TAIL_BYTES = 1 << 16
+TAIL_BYTES, MOST_TRUNCATED = 1 << 16, 2
 MARGINS = re.compile(r"^[ \t]+|(?<![ \t])[ \t]++(?=\r?$)", re.MULTILINE)
 QUOTED = re.compile(r'"[^"\n]*"')
 
@@ -41,6 +40,8 @@ class TextRows:
     """Byte of the first row."""
     stop: int
     """Byte after the last row."""
+    line: int = 0
+    """Lines of the file above those that the layout counts."""
 
     def batches(self, at: Sequence[int]) -> Iterator[list[Any]]:
         """Columns, some rows at a time; clocks as text.
@@ -68,7 +69,9 @@ class TextRows:
                 check_utf8=False,
             ),
         )
-        for block in filter(bytes.strip, map(self._for_arrow, self._blocks())):
+        for block in filter(
+            bytes.strip, map(self._for_arrow, blocks_of(self.path, self.encoding, self.start, self.stop))
+        ):
             try:
                 table = arrow_csv.read_csv(pa.BufferReader(block), *options)
             except (pa.ArrowException, UnicodeError) as error:
@@ -88,8 +91,8 @@ class TextRows:
 
     def _named_rows(self, first: int = 0) -> Iterator[tuple[int, str, str]]:
         """Number, name and text of each row; blocks of rows alone before the ``first`` one are passed over."""
-        number, row = self.layout.start, 0
-        for block in self._blocks():
+        number, row = self.line + self.layout.start, 0
+        for block in blocks_of(self.path, self.encoding, self.start, self.stop):
             lines = block.count("\n") or block.count("\r")
             if row + lines <= first and self._is_plain(block):
                 number, row = number + lines, row + lines
@@ -117,24 +120,6 @@ class TextRows:
                     return f"{start}, a decimal comma where the other numbers have points"
                 return f"{start}, where a number is needed" + (", not a flag" if cell.lower() in FLAGS else "")
         return f"{self.path}: cannot be read as a table: {first_line(error)}"
-
-    def _blocks(self) -> Iterator[str]:
-        """The text from the first row to the last, in blocks of whole lines."""
-        decoder = codecs.getincrementaldecoder(self.encoding)(errors="replace")
-        rest = ""
-        with self.path.open("rb") as file:
-            file.seek(self.start)
-            while data := file.read(min(BLOCK_BYTES, self.stop - file.tell())):
-                rest += decoder.decode(data)
-                cut = rest.rfind("\n") + 1 or rest.rfind("\r") + 1
-                if cut:
-                    yield rest[:cut]
-                    rest = rest[cut:]
-                elif len(rest) > LONGEST_LINE:
-                    raise RecordingError(
-                        f"{self.path}: a line is longer than {LONGEST_LINE} characters, which no row of a table is"
-                    )
-        yield rest
 
     @cached_property
     def _marks(self) -> tuple[str, ...]:
@@ -173,20 +158,39 @@ class TextRows:
         return block.encode()
 
 
-def end_of_rows(path: Path, encoding: str, layout: Layout, start: int) -> tuple[int, int]:
-    """Byte after the last row, and the number of lines below it that are not rows: a remark, or a truncated row."""
-    size, dialect = path.stat().st_size, layout.dialect
+def blocks_of(path: Path, encoding: str, start: int, stop: int) -> Iterator[str]:
+    """The text between two bytes of a file, in blocks of whole lines."""
+    decoder = codecs.getincrementaldecoder(encoding)(errors="replace")
+    rest = ""
+    with path.open("rb") as file:
+        file.seek(start)
+        while data := file.read(min(BLOCK_BYTES, stop - file.tell())):
+            rest += decoder.decode(data)
+            cut = rest.rfind("\n") + 1 or rest.rfind("\r") + 1
+            if cut:
+                yield rest[:cut]
+                rest = rest[cut:]
+            elif len(rest) > LONGEST_LINE:
+                raise RecordingError(
+                    f"{path}: a line is longer than {LONGEST_LINE} characters, which no row of a table is"
+                )
+    yield rest
+
+
+def end_of_rows(path: Path, encoding: str, layout: Layout, start: int, size: int) -> tuple[int, int]:
+    """Byte after the last row of a table up to some byte, and the number of lines below it that are not rows: a remark,
+    or a truncated row, but not several rows of another width."""
+    dialect = layout.dialect
     begin = max(start, size - TAIL_BYTES)
     begin += (begin - start) % (2 if encoding.startswith("utf-16") else 1)
-    with path.open("rb") as file:
-        file.seek(begin)
-        lines = LINE.findall(file.read().decode(encoding, errors="replace"))
-    dropped, stop = 0, size
+    lines = [line for block in blocks_of(path, encoding, begin, size) for line in LINE.findall(block)]
+    dropped, truncated, stop = 0, 0, size
     for line in reversed(lines[begin > start :]):
         cells = dialect.split(line)
         has_values = any(dialect.kind(cell) in ("number", "clock") for cell in cells)
         if has_values and not dialect.is_comment(line) and len(cells) >= len(layout.columns):
-            return stop, dropped
+            return (stop, dropped) if truncated <= MOST_TRUNCATED else (size, 0)
+        truncated += has_values
         dropped += bool(re.search(r"\w", line))
         stop -= len(line.encode(encoding, errors="replace"))
     return size, 0

@@ -262,7 +262,7 @@ RACE = ("race", "--limit", 1, "--lane", "direct", "--solver", "daqp")
         ((*IDENTIFY, "--n", "-1"), ["--n"]),
         ((*IDENTIFY, "--n", "many"), ["--n"]),
         ((*IDENTIFY, "--skip", "8000"), ["skip"]),
-        ((*IDENTIFY, "--sheet", "Messung 1"), ["stage.csv", "plain text", "sheet"]),
+        ((*IDENTIFY, "--table", "Messung 1"), ["stage.csv", "no tables 'Messung 1'", "--table"]),
         ((*IDENTIFY, "--time", "time_s", "--sample-time", "0.001"), ["stage.csv", "time_s", "give one of the two"]),
         ((*IDENTIFY, "--lag", "later"), ["--lag"]),
         # Damaged recordings.

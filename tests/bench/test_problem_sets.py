@@ -222,7 +222,7 @@ def test_a_race_reads_a_recording_with_the_options_of_identify(tmp_path: Path, p
         "header_row": "0",
         "decimal": ",",
     }
-    refused = piezobench("race", *reading[:2], "--sheet", "two", "--sample-time", "later", "--out", tmp_path)
+    refused = piezobench("race", *reading[:2], "--table", "two", "--sample-time", "later", "--out", tmp_path)
     assert refused.status == 2
     assert "--sample-time" in refused.stderr
 

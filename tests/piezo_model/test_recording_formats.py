@@ -24,7 +24,6 @@ from recording_files import workbook as table_workbook
 
 from piezo_model.recordings import Recording, RecordingError, formats
 from piezo_model.recordings.array_table import Arrays, table_of
-from piezo_model.recordings.opening import open_table
 
 PERIOD = 5e-4
 T = np.arange(N) * PERIOD
@@ -282,14 +281,8 @@ def test_channels_are_named_by_path_by_name_or_by_number(tmp_path: Path) -> None
     )
 
 
-def test_a_sheet_is_named_and_a_missing_one_refused(tmp_path: Path) -> None:
-    path = made(tmp_path, "Excel")
-    assert Recording.open(path, sheet="Messung 1").length == N
-    assert "has no sheet 'Messung 2'; its sheets are 'Sheet', 'Messung 1'" in refusal(path, sheet="Messung 2")
-
-
 @pytest.mark.parametrize(
-    ("form", "option", "value"), [("Excel", "decimal", ","), ("NeXus", "sheet", "Messung 1"), ("NPZ", "header_row", 2)]
+    ("form", "option", "value"), [("Excel", "decimal", ","), ("NeXus", "table", "Messung 1"), ("NPZ", "header_row", 2)]
 )
 def test_an_option_that_a_format_does_not_support_is_refused(
     tmp_path: Path, form: str, option: str, value: object
@@ -392,10 +385,9 @@ def test_the_header_of_a_gcs_array_overrides_a_sampling_period_in_its_comments(t
     gcs(tmp_path / "stage.gcs")
     text = (tmp_path / "stage.gcs").read_text()
     (tmp_path / "stage.gcs").write_text(text.replace("# END_HEADER", "# servo: dt = 5 ms\n# END_HEADER"))
-    assert {column.sample_time for column in open_table(tmp_path / "stage.gcs").columns} == {PERIOD}
+    assert Recording.open(tmp_path / "stage.gcs").sample_time == PERIOD
     (tmp_path / "stage.gcs").write_text(re.sub("SAMPLE_TIME = .*", "SAMPLE_TIME = soon", text))
-    with pytest.raises(RecordingError, match="SAMPLE_TIME in the header is not a number: soon"):
-        open_table(tmp_path / "stage.gcs")
+    assert "SAMPLE_TIME in the header is not a number: soon" in refusal(tmp_path / "stage.gcs")
 
 
 @pytest.mark.parametrize("name", TIMES)

@@ -160,7 +160,14 @@ REFUSED: list[tuple[list[str], dict[str, Any], str]] = [
         {},
         "time column 'time [furlong]' is in 'fur', which is not a unit of time",
     ),
-    (timed(EVEN), {"sheet": "Messung 1"}, "is plain text, for which no sheet can be given"),
+    (
+        ["[step]", *timed(EVEN), "[sine]", *timed(EVEN)],
+        {},
+        "has 2 tables, and 2 of them can be the recording by their columns; --table takes a number or a name: 1 'step' "
+        f"(time_s, voltage_V, displacement_um; {len(EVEN)} rows); 2 'sine' (",
+    ),
+    ([*timed(EVEN), *["0.5,1"] * 9], {}, f"data row {len(EVEN) + 1}) has 2 columns where the others have 3"),
+    (timed(EVEN), {"table": "Messung 1"}, "has no tables 'Messung 1'; --table takes a number or a name: 1 '' ("),
     (
         timed(EVEN),
         {"time": "1", "sample_time": 0.01},

@@ -127,6 +127,24 @@ FILES: dict[str, tuple[bytes | str, dict]] = {
     "no time": (f"voltage_V,height_um\n{rows('{x},{y}')}", {"sample_time": 1 / RATE}),
     "no time but a rate": (f"# Sampling rate [kHz]: 0.997\nvoltage_V,height_um\n{rows('{x},{y}')}", {}),
     "clock that is not believed": (f"time_s,voltage_V,height_um\n{rows('0,{x},{y}')}", {"sample_time": 1 / RATE}),
+    "preamble of names and numbers": (f"Kp,Ki,Kd\n1.5,20,0.003\n{HEADER}{rows('{t},{x},{y}')}", {}),
+    "numbers above the header": (f"1,2,3\nGain,10,3\n\n{HEADER}{rows('{t},{x},{y}')}", {}),
+    "table of another kind below": (
+        f"{HEADER}{rows('{t},{x},{y}')}\nfreq_Hz,gain,phase\n{rows('{i},{x},{y}')}",
+        {},
+    ),
+    "table of another kind above": (
+        f"freq_Hz;gain\n{rows('{i};{x}')}{HEADER}{rows('{t},{x},{y}')}".replace(",", ";"),
+        {},
+    ),
+    "one of two tables": (
+        f"[step]\n{HEADER}{rows('{i},{x},{y}')}\n[sine]\n{HEADER}{rows('{t},{x},{y}')}",
+        {"table": "sine"},
+    ),
+    "channels of two tables": (
+        f"time_s,CH1,CH2\n{rows('{i},{x},{y}')}time_s,CH3,CH4\n{rows('{t},{x},{y}')}",
+        {"input": "CH3", "output": "CH4"},
+    ),
     "header by its row": (f"1,2,3\nnumbers,follow,below\n{HEADER}{rows('{t},{x},{y}')}", {"header_row": 3}),
     "columns by number": (f"a,b,c\n{rows('{y},{t},{x}')}", {"time": "2", "input": "3", "output": "1"}),
 }

@@ -1,6 +1,6 @@
 """The formats, recognised by their first bytes and never by their suffix alone. A format is one function and one line:
 
-    read(path) -> Arrays              named arrays, units, sampling periods (`array_table`), or a Table
+    read(path) -> Arrays              named arrays, units, sampling periods (`array_table`), or tables
     Format(name, recognises, read)    in FORMATS
 
 A reader whose library reads values at once asks `table.check_size` first whether what the file states is not too much.
@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from piezo_model.recordings.array_table import table_of
+from piezo_model.recordings.array_table import Arrays, table_of
 from piezo_model.recordings.formats.arrow import open_parquet, open_stream
 from piezo_model.recordings.formats.libraries import read_hdf5, read_matlab, read_npy, read_npz, read_tdms
 from piezo_model.recordings.formats.text import HEAD_BYTES, open_gcs, open_text
@@ -64,7 +64,7 @@ FORMATS = (
     ),
     Format("a NumPy file", begins(b"\x93NUMPY"), read_npy),
     Format("an archive of NumPy", holds(".npy"), read_npz),
-    Format("an Excel workbook", holds("xl/workbook.xml"), open_workbook, takes=("header_row", "sheet")),
+    Format("an Excel workbook", holds("xl/workbook.xml"), open_workbook, takes=("header_row", "table")),
     Format(
         "a MATLAB file",
         lambda path, head: head.startswith(b"MATLAB ") or (path.suffix.lower() == ".mat" and head[:4] in MAT_4),
@@ -82,20 +82,20 @@ FORMATS = (
         open_gcs,
         takes=("header_row", "decimal"),
     ),
-    Format("plain text", lambda path, head: True, open_text, takes=("header_row", "decimal")),
+    Format("plain text", lambda path, head: True, open_text, takes=("header_row", "decimal", "table")),
 )
 """In the order in which they are tried."""
 
 
-def open_table(path: str | Path, options: ReadOptions | None = None) -> Table:
-    """Open a table of any known format.
+def open_tables(path: str | Path, options: ReadOptions) -> list[Table]:
+    """Open the tables of a file of any known format.
 
     Raises
     ------
     RecordingError
         The file is missing, empty, a folder, of an unknown format, damaged, or needs a package that is not installed.
     """
-    path, options, format = Path(path), options or ReadOptions(), FORMATS[-1]
+    path, format = Path(path), FORMATS[-1]
     try:
         if path.is_dir():
             raise RecordingError(f"{path}: is a folder, not a file")
@@ -104,12 +104,12 @@ def open_table(path: str | Path, options: ReadOptions | None = None) -> Table:
         if not head:
             raise RecordingError(f"{path}: is an empty file")
         format = next(each for each in FORMATS if each.recognises(path, head))
-        for name in ("header_row", "decimal", "sheet"):
+        for name in ("header_row", "decimal", "table"):
             if getattr(options, name) is not None and name not in format.takes:
                 raise RecordingError(f"{path}: is {format.name}, for which no {name.replace('_', ' ')} can be given")
         with warnings.catch_warnings(action="ignore"):  # of libraries
-            found = format.read(path, *(getattr(options, name) for name in format.takes))
-            table = found if isinstance(found, Table) else table_of(path, found)
+            found = format.read(path, *(getattr(options, name) for name in format.takes if name != "table"))
+            tables: list[Table] = [table_of(path, found)] if isinstance(found, Arrays) else found
     except RecordingError:
         raise
     except MemoryError:
@@ -124,6 +124,7 @@ def open_table(path: str | Path, options: ReadOptions | None = None) -> Table:
         raise RecordingError(f"{path}: cannot be read: {error.strerror}") from None
     except Exception as error:
         raise RecordingError(f"{path}: is {format.name}, and damaged: {first_line(error)}") from None
-    if len(table.columns) > MOST_COLUMNS:
-        raise RecordingError(f"{path}: has {len(table.columns)} columns, and no recording has more than {MOST_COLUMNS}")
-    return table
+    most = max(len(table.columns) for table in tables)
+    if most > MOST_COLUMNS:
+        raise RecordingError(f"{path}: has {most} columns, and no recording has more than {MOST_COLUMNS}")
+    return tables

@@ -16,7 +16,7 @@ BATCH_ROWS = 1 << 18
 BUFFER_BYTES = 1 << 18
 
 
-def open_parquet(path: Path) -> Table:
+def open_parquet(path: Path) -> list[Table]:
     """A Parquet file."""
     with ParquetFile(path) as file:
         schema, rows = file.schema_arrow, file.metadata.num_rows
@@ -31,7 +31,7 @@ def open_parquet(path: Path) -> Table:
     return _table(path, "Parquet", schema, batches, rows)
 
 
-def open_stream(path: Path) -> Table:
+def open_stream(path: Path) -> list[Table]:
     """A stream of Arrow batches."""
     with pa.OSFile(str(path)) as source:
         schema = pa.ipc.open_stream(source).schema
@@ -50,7 +50,7 @@ def _table(
     schema: pa.Schema,
     batches_of: Callable[[list[str] | None], Iterable[pa.RecordBatch]],
     rows: int | None = None,
-) -> Table:
+) -> list[Table]:
     columns = tuple(Column.named(field.name, kind=_kind(field.type), rows=rows) for field in schema)
 
     def batches(at: Sequence[int]) -> Iterator[list[np.ndarray]]:
@@ -67,7 +67,7 @@ def _table(
         except (pa.ArrowException, OSError, KeyError) as error:
             raise RecordingError(f"{path}: is {form}, and damaged: {first_line(error)}") from None
 
-    return Table(path, form, columns, batches)
+    return [Table(path, form, columns, batches)]
 
 
 def _kind(type: pa.DataType) -> Kind:
