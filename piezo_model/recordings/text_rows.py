@@ -7,11 +7,11 @@ first wrong cell and its row as an editor counts it.
 
 import codecs
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO, NamedTuple
 
 import pyarrow as pa
 import pyarrow.csv as arrow_csv
@@ -29,11 +29,22 @@ MARGINS = re.compile(r"^[ \t]+|(?<![ \t])[ \t]++(?=\r?$)", re.MULTILINE)
 QUOTED = re.compile(r'"[^"\n]*"')
 
 
-@dataclass(frozen=True)
-class TextRows:
-    """Where the rows of a text file are, and how they are written."""
+class Source(NamedTuple):
+    """A text, in a file or of a sheet."""
 
     path: Path
+    open: Callable[[], BinaryIO]
+    size: int
+    """Bytes."""
+    form: str = "text"
+    sheet: str = ""
+
+
+@dataclass(frozen=True)
+class TextRows:
+    """Where the rows of a text are, and how they are written."""
+
+    source: Source
     encoding: str
     layout: Layout
     start: int
@@ -70,7 +81,7 @@ class TextRows:
             ),
         )
         for block in filter(
-            bytes.strip, map(self._for_arrow, blocks_of(self.path, self.encoding, self.start, self.stop))
+            bytes.strip, map(self._for_arrow, blocks_of(self.source, self.encoding, self.start, self.stop))
         ):
             try:
                 table = arrow_csv.read_csv(pa.BufferReader(block), *options)
@@ -79,7 +90,7 @@ class TextRows:
             lines = (block.count(b"\n") or block.count(b"\r")) + (not block.endswith((b"\n", b"\r")))
             if layout.quoted and len(table) != lines:
                 raise RecordingError(
-                    f"{self.path}: has a quote that is not closed, {lines} lines are {len(table)} rows"
+                    f"{self.source.path}: has a quote that is not closed, {lines} lines are {len(table)} rows"
                 )
             for batch in table.to_batches():
                 columns = {k: batch.column(keys[k]) for k in at}
@@ -92,7 +103,8 @@ class TextRows:
     def _named_rows(self, first: int = 0) -> Iterator[tuple[int, str, str]]:
         """Number, name and text of each row; blocks of rows alone before the ``first`` one are passed over."""
         number, row = self.line + self.layout.start, 0
-        for block in blocks_of(self.path, self.encoding, self.start, self.stop):
+        of = f" of sheet {self.source.sheet!r}" if self.source.sheet else ""
+        for block in blocks_of(self.source, self.encoding, self.start, self.stop):
             lines = block.count("\n") or block.count("\r")
             if row + lines <= first and self._is_plain(block):
                 number, row = number + lines, row + lines
@@ -100,7 +112,7 @@ class TextRows:
             for line in LINE.findall(block):
                 number += 1
                 if self._is_row(line):
-                    yield row, f"row {number} (data row {row + 1})", line
+                    yield row, f"row {number}{of} (data row {row + 1})", line
                     row += 1
 
     def _complaint(self, chosen: Sequence[int], error: Exception) -> str:
@@ -109,17 +121,17 @@ class TextRows:
         for _, place, line in self._named_rows():
             cells = dialect.split(line)
             if len(cells) != len(columns):
-                return f"{self.path}: {place} has {len(cells)} columns where the others have {len(columns)}"
+                return f"{self.source.path}: {place} has {len(cells)} columns where the others have {len(columns)}"
             for at in chosen:
                 cell = cells[at].strip()
                 if dialect.kind(cell) in ("number", "empty"):
                     continue
                 shown = repr(cell if len(cell) <= 40 else cell[:37] + "…")
-                start = f"{self.path}: column {columns[at].name!r} holds {shown} in {place}"
+                start = f"{self.source.path}: column {columns[at].name!r} holds {shown} in {place}"
                 if dialect.decimal == "." and replace(dialect, decimal=",").kind(cell) == "number":
                     return f"{start}, a decimal comma where the other numbers have points"
                 return f"{start}, where a number is needed" + (", not a flag" if cell.lower() in FLAGS else "")
-        return f"{self.path}: cannot be read as a table: {first_line(error)}"
+        return f"{self.source.path}: cannot be read as a table: {first_line(error)}"
 
     @cached_property
     def _marks(self) -> tuple[str, ...]:
@@ -158,11 +170,11 @@ class TextRows:
         return block.encode()
 
 
-def blocks_of(path: Path, encoding: str, start: int, stop: int) -> Iterator[str]:
-    """The text between two bytes of a file, in blocks of whole lines."""
+def blocks_of(source: Source, encoding: str, start: int, stop: int) -> Iterator[str]:
+    """What is between two bytes of a text, in blocks of whole lines."""
     decoder = codecs.getincrementaldecoder(encoding)(errors="replace")
     rest = ""
-    with path.open("rb") as file:
+    with source.open() as file:
         file.seek(start)
         while data := file.read(min(BLOCK_BYTES, stop - file.tell())):
             rest += decoder.decode(data)
@@ -172,18 +184,18 @@ def blocks_of(path: Path, encoding: str, start: int, stop: int) -> Iterator[str]
                 rest = rest[cut:]
             elif len(rest) > LONGEST_LINE:
                 raise RecordingError(
-                    f"{path}: a line is longer than {LONGEST_LINE} characters, which no row of a table is"
+                    f"{source.path}: a line is longer than {LONGEST_LINE} characters, which no row of a table is"
                 )
     yield rest
 
 
-def end_of_rows(path: Path, encoding: str, layout: Layout, start: int, size: int) -> tuple[int, int]:
+def end_of_rows(source: Source, encoding: str, layout: Layout, start: int, size: int) -> tuple[int, int]:
     """Byte after the last row of a table up to some byte, and the number of lines below it that are not rows: a remark,
     or a truncated row, but not several rows of another width."""
     dialect = layout.dialect
     begin = max(start, size - TAIL_BYTES)
     begin += (begin - start) % (2 if encoding.startswith("utf-16") else 1)
-    lines = [line for block in blocks_of(path, encoding, begin, size) for line in LINE.findall(block)]
+    lines = [line for block in blocks_of(source, encoding, begin, size) for line in LINE.findall(block)]
     dropped, truncated, stop = 0, 0, size
     for line in reversed(lines[begin > start :]):
         cells = dialect.split(line)

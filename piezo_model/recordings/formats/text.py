@@ -15,7 +15,7 @@ from piezo_model.recordings.clock_cells import times
 from piezo_model.recordings.dialect import SEPARATORS
 from piezo_model.recordings.layout import LINE, Layout, Region, layout_of, regions_of
 from piezo_model.recordings.table import Column, RecordingError, Table
-from piezo_model.recordings.text_rows import TextRows, blocks_of, end_of_rows
+from piezo_model.recordings.text_rows import Source, TextRows, blocks_of, end_of_rows
 
 HEAD_BYTES = 1 << 18
 """Bytes at the start of a file that determine its format; the header of a text must lie within them."""
@@ -28,50 +28,64 @@ GCS_ENTRY = re.compile(r"#\s*([A-Z_]+\d*)\s*=\s*(.*?)\s*$", re.MULTILINE)
 
 
 def open_text(path: Path, header_row: int | None, decimal: str | None) -> list[Table]:
-    """Find encoding and dialect, and of each table the header and the first and last row."""
-    with path.open("rb") as file:
+    """The tables of a file."""
+    source = Source(path, lambda: path.open("rb"), path.stat().st_size)
+    return tables_of(source, header_row, decimal)
+
+
+def tables_of(source: Source, header_row: int | None, decimal: str | None) -> list[Table]:
+    """Find encoding and dialect, and of each table the header and the first and last row; none in an empty sheet.
+
+    Raises
+    ------
+    RecordingError
+        A text that is none, or a file without rows of numbers.
+    """
+    path, stop = source.path, source.size
+    with source.open() as file:
         encoding, mark = _encoding(path, file.read(HEAD_BYTES))
-    stop = path.stat().st_size
-    lines = _first_lines(path, encoding, mark, stop)
+    lines = _first_lines(source, encoding, mark, stop)
     layout = layout_of(lines[:SAMPLE_LINES], decimal, header_row) or layout_of(lines, decimal, header_row)
+    if source.sheet and (layout is None or layout.dialect.separator != "\t"):
+        return []
     if layout is None:
         raise RecordingError(f"{path}: {_no_table(lines)}")
     _refuse_ambiguous_commas(path, lines, layout)
-    regions = regions_of(blocks_of(path, encoding, mark, stop), layout.dialect, lambda text: _size(text, encoding))
+    regions = regions_of(blocks_of(source, encoding, mark, stop), layout.dialect, lambda text: _size(text, encoding))
     if header_row is not None:  # the user's table ends where the next one begins
         regions = [Region(), *(each for each in regions if header_row and each.line + each.names >= header_row)]
     tables = []
     for region, end in zip(regions, [*(mark + each.begin for each in regions[1:]), stop], strict=True):
         if layout is None or len(regions) > 1 or region.names > layout.start:
-            lines = _first_lines(path, encoding, mark + region.begin, end)
+            lines = _first_lines(source, encoding, mark + region.begin, end)
             layout = layout_of(lines[: region.names + SAMPLE_LINES], decimal, header_row, region.names)
         if layout is not None:
-            tables.append(_table(path, encoding, lines, layout, region, mark + region.begin, end))
+            tables.append(_table(source, encoding, lines, layout, region, mark + region.begin, end))
         if header_row is not None:
             break
     return tables
 
 
 def _table(
-    path: Path, encoding: str, lines: Sequence[str], layout: Layout, region: Region, begin: int, end: int
+    source: Source, encoding: str, lines: Sequence[str], layout: Layout, region: Region, begin: int, end: int
 ) -> Table:
     start = begin + sum(_size(line, encoding) for line in lines[: layout.start])
     start += _size(lines[layout.start][: layout.glued], encoding)
-    stop, dropped = end_of_rows(path, encoding, layout, start, end)
+    stop, dropped = end_of_rows(source, encoding, layout, start, end)
     header = region.line + (layout.header or 0) + 1
     clauses = {
-        f"text{ENCODINGS[encoding]}": True,
-        f"separated by {SEPARATORS[layout.dialect.separator]}": True,
+        f"{source.form}{ENCODINGS[encoding]}": True,
+        f"separated by {SEPARATORS[layout.dialect.separator]}": not source.sheet,
         "decimal comma": layout.dialect.decimal == ",",
         "no header" if layout.header is None else f"header in row {header}": True,
         "which holds the first row, too": layout.glued,
     }
     form = ", ".join(clause for clause, holds in clauses.items() if holds)
     incomplete = "line is incomplete and was" if dropped == 1 else f"{dropped} lines are incomplete and were"
-    rows = TextRows(path, encoding, layout, start, stop, region.line)
+    rows = TextRows(source, encoding, layout, start, stop, region.line)
     left_out = (f"the last {incomplete} left out",) * (dropped > 0)
     return Table(
-        path,
+        source.path,
         form,
         layout.columns,
         rows.batches,
@@ -79,7 +93,7 @@ def _table(
         left_out,
         times,
         layout.unread_period,
-        region.title,
+        ": ".join(filter(None, (source.sheet, region.title))),
         region.rows,
     )
 
@@ -88,12 +102,12 @@ def _size(text: str, encoding: str) -> int:
     return len(text.encode(encoding, errors="replace"))
 
 
-def _first_lines(path: Path, encoding: str, begin: int, end: int) -> list[str]:
+def _first_lines(source: Source, encoding: str, begin: int, end: int) -> list[str]:
     """The first complete lines between two bytes of a file."""
-    blocks = list(blocks_of(path, encoding, begin, min(end, begin + HEAD_BYTES)))
+    blocks = list(blocks_of(source, encoding, begin, min(end, begin + HEAD_BYTES)))
     lines = LINE.findall("".join(blocks if end <= begin + HEAD_BYTES else blocks[:-1]))
     if not lines and end > begin + HEAD_BYTES:
-        raise RecordingError(f"{path}: row 1 is longer than {HEAD_BYTES} bytes, which no row of a table is")
+        raise RecordingError(f"{source.path}: row 1 is longer than {HEAD_BYTES} bytes, which no row of a table is")
     return lines
 
 
