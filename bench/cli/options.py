@@ -169,10 +169,15 @@ READING: dict[str, Any] = {
     ],
     "from_s": Annotated[
         float | None,
-        typer.Option("--from", metavar="SECONDS", help="Start reading so many seconds after the first time."),
+        typer.Option(
+            "--from", metavar="SECONDS", help="Start reading so many seconds after the first time, in each sweep."
+        ),
     ],
     "to_s": Annotated[
-        float | None, typer.Option("--to", metavar="SECONDS", help="Stop reading so many seconds after the first time.")
+        float | None,
+        typer.Option(
+            "--to", metavar="SECONDS", help="Stop reading so many seconds after the first time, in each sweep."
+        ),
     ],
     "decimate": Annotated[int | None, typer.Option(metavar="N", min=1, help="Read the first of every so many rows.")],
     "strict": Annotated[bool | None, typer.Option("--strict", help="Refuse a recording that needs repairs.")],

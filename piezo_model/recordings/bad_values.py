@@ -46,6 +46,9 @@ UNLIKE_BESIDE, UNLIKE_LIMIT = 4.0, 1.5
 of a value beyond all others, which a limit would not be."""
 BEYOND = 0.05
 """Least distance from neighbours, and of a value beyond all others from these, as a share of the output's range."""
+EVEN, UNEQUAL = 0.95, 1.5
+"""Least share of the spans between the values of a slower sensor that are of one length, and least ratio of moves of
+the drive to these values."""
 CANDIDATES = 4
 """Values after large steps that are tried, the most frequent ones first."""
 
@@ -91,8 +94,10 @@ def last_known(rows: Rows, label: str, values: Vector, most_missing: float, whol
     """
     bad = ~(np.abs(values) < ABSURD)
     end = values.size - (0 if whole or not values.size else int(np.argmin(bad[::-1])))
-    inside = int(np.count_nonzero(bad[:end]))
-    if bad.any() and (end < 2 or not np.isnan(values[bad]).all() or inside > most_missing * end):
+    inside, spans = int(np.count_nonzero(bad[:end])), np.diff(np.flatnonzero(~bad))
+    slower = most_missing == MOST_MISSING and spans.size > LEAST_PART and spans.max() <= 2.0 * np.median(spans)
+    too_many = inside > most_missing * end and not slower
+    if bad.any() and (end < 2 or not np.isnan(values[bad]).all() or too_many):
         raise _bad_value(rows, label, values, bad)
     return end
 
@@ -143,6 +148,24 @@ def fill(rows: Rows) -> None:
                 f"{rows.length} samples move the operators and are not counted"
             )
             rows.replace(k, missing)
+
+
+def count_fresh(rows: Rows) -> None:
+    """Count an output that is held for equally many rows while the drive moves only where it is measured anew."""
+    if len(rows.signals) < 2 or rows.length < LEAST_ROWS:
+        return
+    drive, output = map(np.diff, rows.signals)
+    steps = output[fresh := np.flatnonzero(output)]
+    held = np.diff(fresh)
+    even = held.size > LEAST_PART and held.min() > 1 and np.mean(np.abs(held - np.median(held)) <= 1.0) > EVEN
+    if even and np.unique(np.abs(steps)).size > LEAST_PART and np.count_nonzero(drive) > UNEQUAL * fresh.size:
+        stale = np.ones(rows.length, dtype=bool)
+        stale[fresh + 1] = stale[0] = False
+        rows.repairs.append(
+            f"{rows.labels[1]} is held for {np.median(held):g} rows, a sensor that is slower than the drive: "
+            f"{np.count_nonzero(stale)} of {rows.length} samples move the operators and are not counted"
+        )
+        rows.replace(1, stale)
 
 
 def _runs(first: Index, last: Index) -> Index:

@@ -9,6 +9,7 @@ import numpy as np
 from piezo_model.recordings.opening import open_table, seconds_per_unit
 from piezo_model.recordings.options import ReadOptions
 from piezo_model.recordings.roles import NO_CLOCK, choose_roles
+from piezo_model.recordings.rows import is_near
 from piezo_model.recordings.table import Column, RecordingError, Table
 from piezo_model.units import canonical, seconds
 from solvers.arrays import Vector
@@ -44,7 +45,8 @@ def joined(
             raise RecordingError(
                 f"{path}: have no time in common, {times[0]:g} to {times[-1]:g} s and {others[0]:g} to {others[-1]:g} s"
             )
-        y = np.interp(times[common], others, y)
+        near = is_near(times[common], others, float(np.median(np.diff(times))))
+        y = np.where(near, np.interp(times[common], others, y), np.nan)
         times, x, where = times[common], x[common], lambda row: first.where(int(common[row]))
         repairs += (f"the output is interpolated at the {times.size} times of the input that both files have",)
     pairs = (first, drive), (second, sensor)

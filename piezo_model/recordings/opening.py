@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from piezo_model.recordings.options import ReadOptions
-from piezo_model.recordings.order import refuse_sorted
+from piezo_model.recordings.order import refuse_sorted, sweep_starts
 from piezo_model.recordings.roles import NO_CLOCK, choose_roles
 from piezo_model.recordings.rows import Rows
 from piezo_model.recordings.samples import sample
 from piezo_model.recordings.table import ABSURD, FEW_ROWS, PROFILED, RecordingError, Table
 from piezo_model.units import LENGTHS, PREFIXES, VOLTAGES, canonical, quantity, seconds
-from solvers.arrays import Vector
+from solvers.arrays import Mask, Vector
 
 CLOCK_TOLERANCE = 0.01
 """Largest relative difference between the duration by a time column and by a given sampling period."""
@@ -98,7 +98,7 @@ def read_signals(
     unit = 1.0 if time is None else seconds_per_unit(table, time, options)
     stated = table.columns[next(iter(signals.values()))].sample_time
     period = options.sample_time or stated or 1.0
-    wanted = _wanted(table, time, unit, period, options)
+    wanted, outside = _wanted(table, time, unit, period, options)
     positions = [k for k in (time, *signals.values(), roles.unread) if k is not None]
     columns = dict(zip(positions, table.read(positions, wanted), strict=True))
     first, step = wanted.start or 0, wanted.step or 1
@@ -110,6 +110,9 @@ def read_signals(
         "" if time is None else f"time column {table.names[time]!r}",
         None if time is None else columns[time],
     )
+    if outside.any():
+        rows.starts = [0, *(np.flatnonzero(outside[:-1] & ~outside[1:]) + 1).tolist()]
+        rows.take(np.flatnonzero(~outside))
     if wanted != slice(None):
         rows.remarks.append(f"read from {rows.where(0)} on" + f", one row in {step}" * (step > 1))
     if roles.unread is not None:
@@ -167,18 +170,18 @@ def seconds_per_unit(table: Table, time: int, options: ReadOptions) -> float:
     return factor
 
 
-def _wanted(table: Table, time: int | None, unit: float, period: float, options: ReadOptions) -> slice:
-    """The rows between two times after the first one."""
-    if options.from_s is None and options.to_s is None and options.decimate is None:
-        return slice(None)
+def _wanted(table: Table, time: int | None, unit: float, period: float, options: ReadOptions) -> tuple[slice, Mask]:
+    """The rows between two times after the first one of their sweep, and which of them lie between sweeps."""
+    none = np.zeros(0, dtype=bool)
     low, high = options.from_s or 0.0, math.inf if options.to_s is None else options.to_s
     if time is None:
         first, last = math.ceil(low / period - 1e-9), None if high == math.inf else int(high / period + 1e-9) + 1
-        return slice(first, last, options.decimate)
+        return slice(first or None, last, options.decimate), none
     if low == 0.0 and high == math.inf:
-        return slice(0, None, options.decimate)
+        return slice(None, None, options.decimate), none
     (times,) = table.read([time])
-    since = (times - times[:1]) * unit
+    starts = sweep_starts(times)
+    since = (times - np.repeat(np.fmin.reduceat(times, starts), np.diff([*starts, times.size]))) * unit
     inside = np.flatnonzero((since >= low) & (since <= high))
     if inside.size < 2:
         span = f"after --from {low:g}" if high == math.inf else f"between --from {low:g} and --to {high:g}"
@@ -186,7 +189,8 @@ def _wanted(table: Table, time: int | None, unit: float, period: float, options:
             f"{table.path}: has {inside.size} rows {span}, seconds after its first time; it lasts "
             f"{np.nanmax(since):g} s"
         )
-    return slice(int(inside[0]), int(inside[-1]) + 1, options.decimate)
+    wanted = slice(int(inside[0]), int(inside[-1]) + 1, options.decimate)
+    return wanted, ~((since >= low) & (since <= high))[wanted]
 
 
 def _refuse_other_clock(table: Table, time: int, times: Vector, period: float, options: ReadOptions) -> None:

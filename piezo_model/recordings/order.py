@@ -12,8 +12,8 @@ LEAST_SWEEP = 16
 """Fewest rows of a sweep."""
 LEAST_RETURN = 0.5
 """Smallest share of a sweep's duration by which the times fall back after it."""
-LEAST_PAUSE = 100.0
-"""Shortest pause between two parts, in sampling periods; a shorter one is a gap."""
+LEAST_PAUSE = 10.0
+"""Shortest pause between two parts, in sampling periods and in the steps beside it; a shorter one is a gap."""
 SAME_RATE = 0.02
 """Largest relative difference of the sampling periods of two parts."""
 PART = 65536
@@ -25,15 +25,27 @@ TO_AND_FRO, LEAST_JUMP = 10.0, 0.02
 
 
 def sort_by_time(rows: Rows) -> None:
-    """Put rows that are sorted by a signal, or by falling times, in the order of their times."""
+    """Put rows that are sorted by a signal, or by falling times in one or more sweeps, in the order of their times."""
     times = rows.times
-    if times is None or (times[1:] >= times[:-1]).all() or np.unique(times).size < times.size:
+    if times is None or (times[1:] >= times[:-1]).all():
         return
-    if not any(map(_monotonic, (times, *rows.signals))):
+    sweeps = np.split(np.arange(rows.length), sweep_starts(times)[1:])
+    if times[sweeps[0][0]] > times[sweeps[0][-1]] and min(map(len, sweeps)) >= min(LEAST_SWEEP, rows.length):
+        order = np.concatenate([sweep[::-1] for sweep in sweeps])
+    elif np.unique(times).size == times.size and any(map(_monotonic, rows.signals)):
+        order = np.argsort(times)
+    else:
         return
     rows.repairs.append("its rows were not in the order of their times, by which they are sorted")
-    rows.take(np.argsort(times))
+    rows.take(order)
     rows.starts = [0]
+
+
+def sweep_starts(times: Vector) -> list[int]:
+    """The first row of each run of times that rise, or that fall where most of them do."""
+    steps = np.diff(times)
+    against = steps < 0.0 if 2 * np.count_nonzero(steps < 0.0) < steps.size else steps > 0.0
+    return [0, *(np.flatnonzero(against) + 1).tolist()]
 
 
 def refuse_sorted(rows: Rows) -> None:
@@ -69,7 +81,8 @@ def begin_parts(rows: Rows, even: bool = True) -> None:
     Raises
     ------
     RecordingError
-        With ``even``, parts that are sampled at different rates.
+        With ``even``, parts that are sampled at different rates; otherwise a gap beside a few rows, over which a
+        line would be drawn.
     """
     times = rows.times
     if times is None or rows.length < 2:
@@ -86,8 +99,16 @@ def begin_parts(rows: Rows, even: bool = True) -> None:
     if back.size and min(np.diff([*sweeps, rows.length])) >= LEAST_SWEEP and all(returns):
         rows.starts = sorted({*rows.starts, *sweeps})
         rows.remarks.append(f"{len(sweeps)} sweeps below each other: the times start again in {rows.named(back)}")
-    pauses = np.setdiff1d(np.flatnonzero(steps > LEAST_PAUSE * usual) + 1, rows.starts)
-    if pauses.size and min(np.diff(sorted({*rows.starts, *pauses.tolist(), rows.length}))) >= LEAST_ROWS:
+    long = np.flatnonzero(steps > LEAST_PAUSE * usual)
+    alone = steps[long] > LEAST_PAUSE * np.maximum(steps[long - 1], np.abs(steps[(long + 1) % steps.size]))
+    pauses = np.setdiff1d(long[alone] + 1, rows.starts)
+    long_enough = min(np.diff(sorted({*rows.starts, *pauses.tolist(), rows.length}))) >= LEAST_SWEEP
+    if pauses.size and not even and not long_enough:
+        raise RecordingError(
+            f"{rows.path}: {rows.time_label} has a gap before {rows.named(pauses)} and fewer than {LEAST_SWEEP} rows "
+            "beside it; leave these rows out with --from or --to"
+        )
+    if pauses.size and long_enough:
         rows.starts = sorted({*rows.starts, *pauses.tolist()})
         many = "a pause" if pauses.size == 1 else f"{pauses.size} pauses"
         rows.repairs.append(f"{many} in its times, before {rows.named(pauses)}: the states begin anew there")

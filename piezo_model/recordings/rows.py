@@ -11,6 +11,16 @@ LEAST_ROWS = 64
 """Fewest rows in which a value can be told to be unlike the others."""
 
 
+NEAR = 0.75
+"""Largest distance of an interpolated value from a measured one, in sampling periods; farther ones are not counted."""
+
+
+def is_near(grid: Vector, times: Vector, period: float) -> Mask:
+    """Whether one of ascending times is near each time of a grid."""
+    after = np.searchsorted(times, grid).clip(1, times.size - 1)
+    return np.minimum(np.abs(grid - times[after - 1]), np.abs(times[after] - grid)) <= NEAR * period
+
+
 @dataclass
 class Rows:
     """Times and signals, shape (rows,) each; the drive comes first, and the output second if there is one."""

@@ -9,11 +9,11 @@ In order: codes and missing values (`bad_values`), the order of rows, parts and 
 
 import numpy as np
 
-from piezo_model.recordings.bad_values import drop_codes, drop_incomplete_end, fill, replace_bad_samples
+from piezo_model.recordings.bad_values import count_fresh, drop_codes, drop_incomplete_end, fill, replace_bad_samples
 from piezo_model.recordings.clock import Clock
 from piezo_model.recordings.options import ReadOptions
 from piezo_model.recordings.order import begin_parts, drop_repeats, refuse_sorted, sort_by_time
-from piezo_model.recordings.rows import Rows
+from piezo_model.recordings.rows import Rows, is_near
 from piezo_model.recordings.table import RecordingError
 
 MOST_SAMPLES = 1_000_000_000
@@ -47,6 +47,7 @@ def sample(rows: Rows, seconds: float, period: float, options: ReadOptions) -> t
     refuse_sorted(rows)
     begin_parts(rows, even=options.resample is None)
     found = _sampling(rows, seconds, period, options)
+    count_fresh(rows)
     replace_bad_samples(rows)
     if options.strict and rows.repairs:
         raise RecordingError(f"{rows.path}: {rows.repairs[0]}; without --strict that is repaired")
@@ -88,8 +89,10 @@ def _resampled(rows: Rows, seconds: float, options: ReadOptions) -> tuple[float,
         )
     grid = times[0] + period / seconds * np.arange(length)
     rows.signals = [np.interp(grid, times, signal) for signal in rows.signals]
-    rows.uncounted = np.interp(grid, times, rows.uncounted) > 0.0
+    near = is_near(grid, times, max(period / seconds, float(np.median(np.diff(times)))))
+    rows.uncounted = (np.interp(grid, times, rows.uncounted) > 0.0) | ~near
     rows.starts = np.unique(np.searchsorted(grid, times[rows.starts])).tolist()
     rows.times = grid
-    rows.remarks.append(f"interpolated from {count} rows at the times of the file")
+    far = f"; {np.count_nonzero(~near)} of {length} samples are far from a row, and not counted" * (not near.all())
+    rows.remarks.append(f"interpolated from {count} rows at the times of the file{far}")
     return period, 0.0

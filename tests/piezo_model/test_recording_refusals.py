@@ -221,7 +221,7 @@ REFUSED: list[tuple[list[str], dict[str, Any], str]] = [
             {},
             f"has a gap of {0.005 * (missing + 1):.9g} s before {ORDINALS[row]}: about {missing} sample",
         )
-        for (row, missing), form in product(((2, 1), (26, 1), (26, 49), (50, 1000)), ("{:.3f}", "{:.6f}", "{!r}"))
+        for (row, missing), form in product(((2, 1), (26, 1), (26, 8), (50, 1000)), ("{:.3f}", "{:.6f}", "{!r}"))
     ),
     (timed(late(2001, 0.01, np.arange(3000) * 125e-6), "{:.3f}"), {}, "has a gap"),
     *((timed(moved(21, by * 0.005), "{:.7f}"), {}, "is not sampled uniformly") for by in (0.02, -0.02, 0.3)),
@@ -245,7 +245,7 @@ REFUSED: list[tuple[list[str], dict[str, Any], str]] = [
         "there on",
     ),
     (waves(TWO_RATES), {}, "--resample 0.0002 interpolates to an even clock"),
-    (waves(np.delete(np.arange(400) * 1e-3, slice(200, 220))), {}, "interpolates to an even clock"),
+    (waves(np.delete(np.arange(400) * 1e-3, slice(200, 208))), {}, "interpolates to an even clock"),
     (waves(np.sort(np.random.default_rng(0).uniform(0, 0.4, 400))), {}, "interpolates to an even clock"),
     (waves(TWO_RATES), {"resample": 1e-3, "time": "none"}, "say --sample-time or --sample-rate"),
     (waves(TWO_RATES), {"resample": 1e3}, "gives 1 samples"),

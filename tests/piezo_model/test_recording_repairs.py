@@ -40,6 +40,7 @@ def opened(folder: Path, text: str, **options: Any) -> Recording:
 
 CLEAN = table(T, X, Y)
 SLOW, FALLING = np.argsort(X, kind="stable"), np.arange(N)[::-1]
+TURNED = np.r_[999:-1:-1, N - 1 : 999 : -1]
 HEADED = table(T, X, Y).replace("\n", "\n1,2,3\n", 1)
 TWICE = table(np.repeat(T, 3), np.repeat(X, 3), np.repeat(Y, 3))
 REPAIRED: dict[str, tuple[str, str, slice, int]] = {
@@ -98,6 +99,30 @@ REPAIRED: dict[str, tuple[str, str, slice, int]] = {
     ),
     "a logger quicker than its clock": (TWICE, "4000 of 6000 rows repeat the time", slice(0), 0),
     "a long pause": (table(T + 3.0 * (T > 6), X, Y), "a pause in its times, before row 120[23]", slice(0), 0),
+    "a gap of 90 rows": (
+        table(*(np.delete(values, slice(1500, 1590)) for values in (T, X, Y))),
+        "a pause in its times, before row 1502",
+        slice(1500, 1590),
+        0,
+    ),
+    "two sweeps in falling times": (
+        table(np.tile(T[:1000][::-1], 2), X[TURNED], Y[TURNED]),
+        "2 sweeps below each other",
+        slice(0),
+        0,
+    ),
+    "a sensor that writes every fourth row": (
+        table(T[:1997], X[:1997], np.where(np.arange(1997) % 4, np.nan, Y[:1997])),
+        "1497 of 1997 samples move the operators",
+        slice(1997, N),
+        1497,
+    ),
+    "a sensor that is held": (
+        table(T, X, np.repeat(Y[::4], 4)),
+        "is held for 4 rows, a sensor that is slower than the drive: 1500 of 2000",
+        slice(0),
+        1500,
+    ),
     "a row cut off": (CLEAN + "10.0,1", "the last line is incomplete and was left out", slice(0), 0),
 }
 
@@ -152,6 +177,11 @@ SPOILED: dict[str, tuple[str, dict[str, Any], str]] = {
     "a row too wide": (CLEAN.replace(f",{X[50]:.7g},", ",1,1,", 1), {}, "has 4 columns where the others have 3"),
     "lost decimal marks of the drive": (table(T, X * 1e6, Y), {}, "reaches from .* V, more than 10000 V"),
     "lost decimal marks of the sensor": (table(T, X, Y * 1e6), {}, "a decimal mark lost, or is its unit another"),
+    "a gap beside a few rows": (
+        table(*(np.delete(values, slice(8, 98)) for values in (T, X, Y))),
+        {"resample": PERIOD},
+        "has a gap before row 10 .* leave these rows out with --from or --to",
+    ),
     "lost decimal marks of the times": (table(np.round(T * 1e6), X, Y, digits=12), {}, "one sample every 5000 s; is a"),
     "a resampling by mistake": (CLEAN, {"resample": 1e-6}, "makes 9995001 samples of 2000 rows"),
     "no rows in a part": (CLEAN, {"from_s": 50.0}, "has 0 rows after --from 50, seconds"),
@@ -205,6 +235,8 @@ def test_sweeps_below_each_other_are_parts(tmp_path: Path, kind: str) -> None:
     for sweep in recording.sweeps():
         np.testing.assert_allclose([sweep.x, sweep.y], [X[SWEEP], Y[SWEEP]], rtol=1e-6)
     assert "2 sweeps below each other" in recording.describe()
+    part = Recording.open(tmp_path / "stage.csv", from_s=1.0, to_s=2.0)
+    assert (part.length, part.starts) == (402, (0, 201))
 
 
 @pytest.mark.parametrize(("along", "time"), [(0, "vector"), (1, "vector"), (0, "column"), (0, "matrix"), (1, "matrix")])
