@@ -39,7 +39,7 @@ class Arrays(NamedTuple):
     """Whether the names are paths."""
 
 
-def table_of(path: Path, found: Arrays) -> Table:
+def table_of(path: Path | str, found: Arrays) -> Table:
     """A table of what a reader has found.
 
     A matrix becomes columns ``name/1``, ``name/2``, …; matrices of one shape, with a time for each of their rows or

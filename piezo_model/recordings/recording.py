@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from piezo_model import checks
+from piezo_model.recordings.array_table import Arrays, table_of
 from piezo_model.recordings.bad_values import MOST_MISSING, last_known
 from piezo_model.recordings.joining import joined
 from piezo_model.recordings.opening import GUESS, open_table, read_signals
@@ -145,6 +146,45 @@ class Recording(Source):
         options = ReadOptions(**reading)
         named = {"time": time, "input": input, "output": output}
         return cls._of(*read_signals(open_table(path, named, options), named, options))
+
+    @classmethod
+    def of(
+        cls,
+        frame: Mapping[str, ArrayLike],
+        time: str | None = None,
+        input: str | None = None,
+        output: str | None = None,
+        *,
+        name: str = "frame",
+        **reading: Any,
+    ) -> Self:
+        """Check and repair named arrays as :meth:`open` does the columns of a file, for a file that you read yourself.
+
+        Parameters
+        ----------
+        frame : mapping of str to array, shape (samples,), or pandas.DataFrame
+            Numbers, or times as datetime64 or timedelta64; other columns are left out.
+        time, input, output, **reading
+            As for :meth:`open`.
+        name : str
+            What errors and descriptions call it.
+
+        Raises
+        ------
+        RecordingError
+            With one sentence that names column and row.
+
+        Examples
+        --------
+        >>> volts = np.array([0.0, 1.0, 2.0, 1.5])
+        >>> recording = Recording.of({"t (ms)": [0, 5, 10, 15], "drive (V)": volts, "stroke (um)": 8 * volts})
+        >>> recording.sample_time, recording.columns["output"], recording.y_range
+        (0.005, 'stroke (um)', (0.0, 16.0))
+        """
+        options = ReadOptions(**reading)
+        arrays = {str(column): np.asarray(frame[column]) for column in frame}
+        named = {"time": time, "input": input, "output": output}
+        return cls._of(*read_signals(table_of(name, Arrays("arrays", arrays, nested=False)), named, options))
 
     @classmethod
     def join(cls, input: str, output: str, time: str | None = None, **reading: Any) -> Self:

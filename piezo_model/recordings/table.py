@@ -201,7 +201,7 @@ def seconds_since_first(times: np.ndarray) -> Vector:
     return seconds
 
 
-def check_size(path: Path, size: float, most: int | None = None) -> None:
+def check_size(path: Path | str, size: float, most: int | None = None) -> None:
     """Refuse values by the size that their file states, before they are read."""
     if size > (most := most or MOST_BYTES):
         raise RecordingError(
