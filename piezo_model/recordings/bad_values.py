@@ -49,6 +49,8 @@ BEYOND = 0.05
 EVEN, UNEQUAL = 0.95, 1.5
 """Least share of the spans between the values of a slower sensor that are of one length, and least ratio of moves of
 the drive to these values."""
+SHOWN = 1 << 16
+"""Rows from the start that show whether an output is held."""
 CANDIDATES = 4
 """Values after large steps that are tried, the most frequent ones first."""
 
@@ -94,9 +96,10 @@ def last_known(rows: Rows, label: str, values: Vector, most_missing: float, whol
     """
     bad = ~(np.abs(values) < ABSURD)
     end = values.size - (0 if whole or not values.size else int(np.argmin(bad[::-1])))
-    inside, spans = int(np.count_nonzero(bad[:end])), np.diff(np.flatnonzero(~bad))
-    slower = most_missing == MOST_MISSING and spans.size > LEAST_PART and spans.max() <= 2.0 * np.median(spans)
-    too_many = inside > most_missing * end and not slower
+    too_many = np.count_nonzero(bad[:end]) > most_missing * end
+    if too_many and most_missing == MOST_MISSING:  # unless it is a sensor that is slower than the drive
+        spans = np.diff(np.flatnonzero(~bad))
+        too_many = spans.size < LEAST_PART or spans.max() > 2.0 * np.median(spans)
     if bad.any() and (end < 2 or not np.isnan(values[bad]).all() or too_many):
         raise _bad_value(rows, label, values, bad)
     return end
@@ -154,13 +157,12 @@ def count_fresh(rows: Rows) -> None:
     """Count an output that is held for equally many rows while the drive moves only where it is measured anew."""
     if len(rows.signals) < 2 or rows.length < LEAST_ROWS:
         return
-    drive, output = map(np.diff, rows.signals)
+    drive, output = (np.diff(signal[:SHOWN]) for signal in rows.signals)
     steps = output[fresh := np.flatnonzero(output)]
     held = np.diff(fresh)
     even = held.size > LEAST_PART and held.min() > 1 and np.mean(np.abs(held - np.median(held)) <= 1.0) > EVEN
     if even and np.unique(np.abs(steps)).size > LEAST_PART and np.count_nonzero(drive) > UNEQUAL * fresh.size:
-        stale = np.ones(rows.length, dtype=bool)
-        stale[fresh + 1] = stale[0] = False
+        stale = np.diff(rows.signals[1], prepend=np.nan) == 0.0
         rows.repairs.append(
             f"{rows.labels[1]} is held for {np.median(held):g} rows, a sensor that is slower than the drive: "
             f"{np.count_nonzero(stale)} of {rows.length} samples move the operators and are not counted"

@@ -157,7 +157,8 @@ class Table:
             lengths = ", ".join(f"{self.names[k]!r} has {self.columns[k].rows} rows" for k in columns)
             raise RecordingError(f"{self.path}: the columns are not of one length: {lengths}")
         first, stop, step = rows.start or 0, rows.stop, rows.step or 1
-        numbers, clocks = [np.empty(0) for _ in columns], list[list[Any]]([[] for _ in columns])
+        stated = len(range(self.columns[columns[0]].rows or 0)[rows])  # what is not written takes no memory
+        numbers, clocks = [np.empty(stated) for _ in columns], list[list[Any]]([[] for _ in columns])
         seen = kept = 0
         most = free_memory() / (8 * COPIES * max(len(columns), 1))
         for batch in self.batches(columns):
