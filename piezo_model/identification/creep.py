@@ -311,7 +311,8 @@ def _columns(
         inside = (at >= part.start) & (at < part.stop)
         columns.append(inside.astype(np.float64))
         x, rows = s.unit_input(recording.x[part]), at[inside] - part.start
-        plays[inside] = play(x, r, np.interp(r, s.thresholds, start.play[: s.n + 1]))[0][rows]
+        for j, before in enumerate(np.interp(r, s.thresholds, start.play[: s.n + 1])):  # one by one, for the memory
+            plays[inside, j] = play(x, r[j : j + 1], [before])[0][rows, 0]
         decays[inside, i] = np.exp(-np.outer(rows * s.sample_time, rates))
         for j, rate in enumerate(rates):
             states[inside, j] = creep(x, [0.0], [rate], s.sample_time, x[:1])[0][rows, 0]
