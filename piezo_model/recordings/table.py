@@ -157,10 +157,10 @@ class Table:
             lengths = ", ".join(f"{self.names[k]!r} has {self.columns[k].rows} rows" for k in columns)
             raise RecordingError(f"{self.path}: the columns are not of one length: {lengths}")
         first, stop, step = rows.start or 0, rows.stop, rows.step or 1
-        stated = len(range(self.columns[columns[0]].rows or 0)[rows])  # what is not written takes no memory
+        most = free_memory() / (8 * COPIES * max(len(columns), 1))
+        stated = int(min(most, len(range(self.columns[columns[0]].rows or 0)[rows])))
         numbers, clocks = [np.empty(stated) for _ in columns], list[list[Any]]([[] for _ in columns])
         seen = kept = 0
-        most = free_memory() / (8 * COPIES * max(len(columns), 1))
         for batch in self.batches(columns):
             begin = first - seen if seen < first else -(seen - first) % step
             end = None if stop is None else max(stop - seen, 0)

@@ -17,7 +17,7 @@ import numpy as np
 import openpyxl
 import pytest
 import scipy.io
-from recording_files import N, X, Y, refusal
+from recording_files import N, X, Y
 from test_recording_formats import FORMATS, PERIOD, T, made
 
 from piezo_model.recordings import Recording, RecordingError
@@ -43,33 +43,6 @@ def hdf5_chunk(path: Path) -> None:
     with h5py.File(path, "w") as file:
         for name in ("time", "voltage", "displacement"):
             file.create_dataset(name, (N,), "f8", compression="gzip", chunks=(2**29 - 1,), maxshape=(None,))
-
-
-def mat_7_3(fill: Callable[[h5py.File], None]) -> Callable[[Path], None]:
-    def write(path: Path) -> None:
-        with h5py.File(path, "w", userblock_size=512) as file:
-            fill(file)
-        with path.open("r+b") as opened:
-            opened.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
-
-    return write
-
-
-def cells_of_cells(file: h5py.File) -> None:
-    """Each of a thousand cells refers to the same thousand, six times over."""
-    inner = file.create_dataset("#refs#/0", data=np.arange(1000.0))
-    for k in range(1, 7):
-        inner = file.create_dataset(f"#refs#/{k}", data=np.full(1000, inner.ref, h5py.ref_dtype))
-        inner.attrs["MATLAB_class"] = np.bytes_("cell")
-    file["log"] = np.full(1000, inner.ref, h5py.ref_dtype)
-
-
-def groups_of_groups(file: h5py.File) -> None:
-    """Each group holds the next one twice."""
-    for k in range(40):
-        group = file.require_group(f"#refs#/{k}")
-        group["a"] = group["b"] = file.require_group(f"#refs#/{k + 1}")
-    file["log"] = file["#refs#/0"]
 
 
 def element(kind: int, data: bytes, length: int | None = None) -> bytes:
@@ -146,9 +119,6 @@ HOSTILE: dict[str, tuple[Callable[[Path], Any], str]] = {
     "HDF5 batch": (hdf5(time=10**6, voltage=(10**6, 1000), displacement=(10**6, 1000)), MORE),
     "HDF5 of columns": (hdf5(data=(10**6, 10**6)), "has more than 10000 columns"),
     "HDF5 of a chunk": (hdf5_chunk, MORE),
-    "MAT 7.3": (mat_7_3(lambda file: file.create_dataset("u", (HUGE,), "f8", chunks=True)), MORE),
-    "MAT 7.3 cells": (mat_7_3(cells_of_cells), MORE),
-    "MAT 7.3 groups": (mat_7_3(groups_of_groups), MORE),
     "MAT 5 compressed": (mat_5(zeros_bomb((1, 37_500_000))), MORE),
     "MAT 5 compressed, of another shape": (mat_5(zeros_bomb((1, 1))), MORE),
     "MAT 5 letters": (mat_5(array(CHAR, (1, 2**31 - 1), element(4, b""))), MORE),
@@ -246,12 +216,3 @@ def test_a_recording_that_was_read_does_not_change_with_its_file(tmp_path: Path)
     np.testing.assert_array_equal(recording.x, X)
     with pytest.raises(RecordingError, match="damaged"):
         Recording.open(path)
-
-
-def test_a_cell_that_holds_itself_is_refused(tmp_path: Path) -> None:
-    def fill(file: h5py.File) -> None:
-        file.create_group("log")
-        file["log/itself"] = file["log"]
-
-    mat_7_3(fill)(tmp_path / "stage.mat")
-    assert "damaged" in refusal(tmp_path / "stage.mat")

@@ -66,14 +66,14 @@ FORMATS = (
     Format("an archive of NumPy", holds(".npy"), read_npz),
     Format("an Excel workbook", holds("xl/workbook.xml"), open_workbook, takes=("header_row", "table")),
     Format(
-        "a MATLAB file",
-        lambda path, head: head.startswith(b"MATLAB ") or (path.suffix.lower() == ".mat" and head[:4] in MAT_4),
-        read_matlab,
-    ),
-    Format(
         "an HDF5 file",
         lambda path, head: any(head[at : at + 8] == HDF5 for at in (0, 512, 1024, 2048, 4096)),
         read_hdf5,
+    ),
+    Format(
+        "a MATLAB file",
+        lambda path, head: head.startswith(b"MATLAB ") or (path.suffix.lower() == ".mat" and head[:4] in MAT_4),
+        read_matlab,
     ),
     Format("a TDMS file", begins(b"TDSm"), read_tdms),
     Format(

@@ -6,7 +6,7 @@ HDF5 and NeXus: every dataset of numbers is a column, or several, by its path ``
 ``units`` (NeXus) or ``unit`` gives the unit, and a scalar dataset or an attribute with the name of a sampling rate or
 period gives the period.
 
-MATLAB, versions 4 to 7 by scipy and 7.3 (which is HDF5) by pymatreader: a struct with fields ``Name`` (or ``label``)
+MATLAB, versions 4 to 7 by scipy (7.3 is HDF5): a struct with fields ``Name`` (or ``label``)
 and ``Data`` (or ``values``), as of Simulink and dSPACE, is a channel of that name. Any other variable is a column named
 by its path; a cell array gives one for each cell.
 
@@ -17,7 +17,6 @@ import logging
 import math
 import zipfile
 from collections.abc import Iterator, Sequence
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -25,14 +24,13 @@ import numpy as np
 
 from piezo_model.recordings.array_table import Arrays
 from piezo_model.recordings.stated_period import period_in, period_in_scalars
-from piezo_model.recordings.table import MOST_BYTES, RecordingError, check_size
+from piezo_model.recordings.table import RecordingError, check_size
 
 ATTRIBUTES = ("Unit", "Units", "unit", "units")
 """Names of the attribute with the unit; the last one present is used."""
 NAMES, VALUES, FIELD_UNITS = ("name", "label", "title"), ("data", "values", "value", "y"), ("unit", "units")
-AT_ONCE, MOST_UNITS, OBJECT_BYTES = 320_000_000, 16, 100
-"""Bytes of the datasets of an HDF5 file that are read without being asked for, units of one of them, and memory of a
-letter or another object of Python."""
+AT_ONCE, MOST_UNITS = 320_000_000, 16
+"""Bytes of the datasets of an HDF5 file that are read without being asked for, and units of one of them."""
 PROPERTIES = ("unit_string", "NI_UnitDescription", "unit", "Unit")
 
 
@@ -65,6 +63,7 @@ def read_hdf5(path: Path) -> Arrays:
         item.name.lstrip("/"): _without_texts(item) if item.dtype.hasobject else item
         for item in datasets
         if max(item.shape or (0,)) > 1 and (item.dtype.names or item.dtype.kind in "iufbc")
+        if item.attrs.get("MATLAB_class") != b"char"
     }
     units = {item.name.lstrip("/"): _unit(item) for item in datasets}
     period = _stated([file, *(item.parent for item in datasets), *datasets], datasets)
@@ -125,37 +124,11 @@ def read_matlab(path: Path) -> Arrays:
         version, _ = matfile_version(file)
         if version == 0:
             check_size(path, sum(8 * abs(math.prod(shape)) for _, shape, kind in whosmat(file) if kind != "sparse"))
-            variables = loadmat(file, simplify_cells=True)
-    if version == 1:
-        variables = read_mat_5(path)
-    elif version == 2:
-        variables = _read_mat_7_3(path)
+        variables = read_mat_5(path) if version else loadmat(file, simplify_cells=True)
     units: dict[str, str] = {}
     arrays = dict(_matlab_arrays("", variables, units))
     several = {name: array for name, array in arrays.items() if array.size > 1}
-    return Arrays("MATLAB 7.3" if version == 2 else "MATLAB", several, units, period_in_scalars(arrays))
-
-
-def _read_mat_7_3(path: Path) -> dict[str, Any]:
-    """Every variable; of a cell or field all that it refers to, each time that it does, has to fit."""
-    import h5py
-    from pymatreader import read_mat
-
-    @cache
-    def size(item: Any) -> float:
-        if isinstance(item, h5py.Group):
-            return OBJECT_BYTES + sum(size(each) for name, each in item.items() if name != "#refs#")
-        refers, each = item.dtype.hasobject, item.dtype.itemsize
-        if refers or item.attrs.get("MATLAB_class") == b"char":
-            each = OBJECT_BYTES if h5py.check_ref_dtype(item.dtype) or not refers else MOST_BYTES
-        own = OBJECT_BYTES + max(item.size or 0, math.prod(item.chunks or ())) * each
-        check_size(path, own)
-        return own + sum(size(item.file[other]) for other in item[()].flat) if refers else own
-
-    with h5py.File(path, "r") as file:
-        refuse_other_files(path, file)
-        check_size(path, size(file["/"]))
-    return read_mat(str(path))
+    return Arrays("MATLAB", several, units, period_in_scalars(arrays))
 
 
 def _matlab_arrays(path: str, value: Any, units: dict[str, str]) -> Iterator[tuple[str, np.ndarray]]:
