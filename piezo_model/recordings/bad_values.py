@@ -96,10 +96,10 @@ def last_known(rows: Rows, label: str, values: Vector, most_missing: float, whol
     """
     bad = ~(np.abs(values) < ABSURD)
     end = values.size - (0 if whole or not values.size else int(np.argmin(bad[::-1])))
-    too_many = np.count_nonzero(bad[:end]) > most_missing * end
+    too_many = bool(np.count_nonzero(bad[:end]) > most_missing * end)
     if too_many and most_missing == MOST_MISSING:  # unless it is a sensor that is slower than the drive
         spans = np.diff(np.flatnonzero(~bad))
-        too_many = spans.size < LEAST_PART or spans.max() > 2.0 * np.median(spans)
+        too_many = bool(spans.size < LEAST_PART or spans.max() > 2.0 * np.median(spans))
     if bad.any() and (end < 2 or not np.isnan(values[bad]).all() or too_many):
         raise _bad_value(rows, label, values, bad)
     return end

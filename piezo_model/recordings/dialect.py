@@ -1,4 +1,4 @@
-"""How a text writes its cells: separator, decimal mark, marks between thousands, and the kinds of values."""
+"""How a text writes its cells: separator, decimal mark, and the kinds of values."""
 
 import csv
 import re
@@ -30,10 +30,6 @@ DECIMAL = {
     mark: re.compile(rf"[+-]?(?:(?:\d++[{mark}]?\d*+|[{mark}]\d+)(?:[eE][+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE)
     for mark in ".,"
 }
-THOUSANDS = {
-    mark: re.compile(rf"[+-]?\d{{1,3}}(?P<mark>[{other}' \xa0\u202f])\d{{3}}(?:(?P=mark)\d{{3}})*(?:[{mark}]\d*)?")
-    for mark, other in (".,", ",.")
-}
 LONGEST_VALUE = 100
 """Characters of a number or a clock; a longer cell is text, so that no hostile one is searched for long."""
 
@@ -44,8 +40,6 @@ class Dialect:
 
     separator: str
     decimal: str
-    thousands: str = ""
-    """Mark between groups of three digits, or "" for none."""
 
     def split(self, line: str) -> list[str]:
         """Cells of a line."""
@@ -73,12 +67,7 @@ class Dialect:
             return "flag"
         if is_clock(cell):
             return "clock"
-        return "number" if self.thousands and self.thousands_mark(cell) else "text"
-
-    def thousands_mark(self, cell: str) -> str:
-        """The mark between groups of three digits in a cell, or "" for none."""
-        match = THOUSANDS[self.decimal].fullmatch(cell.strip())
-        return match["mark"] if match and not match["mark"] == self.separator == " " else ""
+        return "text"
 
 
 def cells_of(line: str, separator: str) -> list[str]:

@@ -24,8 +24,6 @@ SPACED = Dialect(", ", ",")
 REMARKS_BELOW_HEADER = 2
 WORTH: Mapping[Kind, float] = {"number": 1.0, "clock": 1.0, "flag": 0.3, "empty": 0.0, "text": -0.5}
 """Score of a cell by its kind."""
-THOUSANDS_WORTH = 1.4
-"""Added for a text that is a number with thousands separators: less than a number, more than a flag."""
 LONGEST_UNIT = 12
 """Characters of a unit that is not known."""
 LEAST_WRITTEN = 0.02
@@ -152,7 +150,7 @@ def layout_of(
             if separator != SPACED.separator and (quoted or (separator, mark) != (",", ","))
         ]
     )
-    score, dialect, rows = max((_score(dialect, lines, first) for dialect in dialects), key=lambda scored: scored[0])
+    score, dialect, rows = max((_score(each, lines, first) for each in dialects), key=lambda scored: scored[0])
     if score <= 0:
         return None
     cells = [dialect.split(lines[k]) for k in rows]
@@ -214,24 +212,16 @@ def _is_text(dialect: Dialect, line: str) -> bool:
 
 
 def _score(dialect: Dialect, lines: Sequence[str], first: int) -> tuple[float, Dialect, list[int]]:
-    """Score of the rows of the best width, the dialect with its thousands separator, and those rows."""
+    """Score of the rows of the best width, the dialect, and those rows."""
     rows: defaultdict[int, list[int]] = defaultdict(list)
     scores: defaultdict[int, float] = defaultdict(float)
-    marks: Counter[str] = Counter()
     for at, line in enumerate(lines[first:], start=first):
         cells = [] if dialect.is_comment(line) else dialect.split(line)
         kinds = [dialect.kind(cell) for cell in cells]
-        texts = [cell for cell, kind in zip(cells, kinds, strict=True) if kind == "text"]
-        in_row = [mark for mark in map(dialect.thousands_mark, texts) if mark]
-        marks.update(in_row)
-        if "number" in kinds or "clock" in kinds or in_row:
+        if "number" in kinds or "clock" in kinds:
             rows[len(cells)].append(at)
-            scores[len(cells)] += sum(WORTH[kind] for kind in kinds) + THOUSANDS_WORTH * len(in_row)
-    if not scores:
-        return 0.0, dialect, []
-    width = max(scores, key=scores.__getitem__)
-    if marks:
-        dialect = replace(dialect, thousands=marks.most_common(1)[0][0])
+            scores[len(cells)] += sum(WORTH[kind] for kind in kinds)
+    width = max(scores, key=scores.__getitem__, default=0)
     return scores[width], dialect, rows[width]
 
 

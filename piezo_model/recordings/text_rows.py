@@ -1,7 +1,7 @@
 """The rows of a text file, parsed by Arrow: whole lines in UTF-8, one separator, nothing but rows.
 
 Text that Arrow cannot parse is removed block by block: comments and repeated headers among the rows, runs of blanks,
-thousands separators, a remark or half a row at the end. If Arrow refuses a block, a second and slower pass names the
+a remark or half a row at the end. If Arrow refuses a block, a second and slower pass names the
 first wrong cell and its row as an editor counts it.
 """
 
@@ -26,7 +26,6 @@ LARGEST_BLOCK = 1 << 24
 """Bytes of a block with the rest of the one before, in UTF-8."""
 TAIL_BYTES, MOST_TRUNCATED = 1 << 16, 2
 MARGINS = re.compile(r"^[ \t]+|(?<![ \t])[ \t]++(?=\r?$)", re.MULTILINE)
-QUOTED = re.compile(r'"[^"\n]*"')
 
 
 class Source(NamedTuple):
@@ -156,16 +155,9 @@ class TextRows:
 
     def _for_arrow(self, block: str) -> bytes:
         """The rows of a block in the syntax of Arrow."""
-        dialect = self.layout.dialect
         if not self._is_plain(block):
             block = "".join(filter(self._is_row, LINE.findall(block)))
-        if mark := dialect.thousands:
-            group = re.compile(rf"(?<=\d){re.escape(mark)}(?=\d{{3}}(?!\d))")
-            if mark == dialect.separator:
-                block = QUOTED.sub(lambda cell: group.sub("", cell[0]), block)
-            else:
-                block = group.sub("", block)
-        if run := RUNS.get(dialect.separator):
+        if run := RUNS.get(self.layout.dialect.separator):
             block = re.sub(run, "\t", MARGINS.sub("", block))
         return block.encode()
 

@@ -32,7 +32,6 @@ def rows(line: str, end: str = "\n", decimal: str = ".", times: Sequence[str] | 
                 x=f"{X[i]:.6f}".replace(".", decimal),
                 y=f"{Y[i]:.6f}".replace(".", decimal),
                 flag=i > 1200,
-                far=f"{X[i] + 10000:,.6f}",
             )
             for i in range(N)
         )
@@ -159,18 +158,6 @@ def test_plain_text_of_every_kind_gives_the_clean_arrays(tmp_path: Path, name: s
     np.testing.assert_array_equal([recording.x, recording.y], [X, Y])
     assert recording.sample_time == pytest.approx(1 / RATE, rel=3e-5)
     assert pickle.loads(pickle.dumps(recording)).digest() == recording.digest()
-
-
-@pytest.mark.parametrize(
-    ("line", "marks"),
-    [("{t};{far};{y}", ".,"), ("{t}\t{far}\t{y}", ".,"), ('{t},"{far}",{y}', ".,"), ("{t};{far};{y}", ",.")],
-)
-def test_thousands_separators_of_either_kind_are_not_cell_separators(tmp_path: Path, line: str, marks: str) -> None:
-    header = "time_s;voltage_V;height_um\n".replace(";", line[3])
-    path = tmp_path / "stage.csv"
-    path.write_text(header + rows(line).translate(str.maketrans(".,", marks)))
-    recording = Recording.open(path, input_unit="V")
-    np.testing.assert_array_equal([recording.x, recording.y], [[float(f"{x + 10000:.6f}") for x in X], Y])
 
 
 def test_a_header_that_lacks_its_line_break_still_names_the_columns(tmp_path: Path) -> None:
