@@ -8,7 +8,7 @@ Table                     named columns (`table`, `array_table`; text: `dialect`
  │   Table.read           the chosen columns as float64, clocks as seconds (`clock_cells`)
  ▼
 Rows                      times and signals
- │   samples.sample       missing and bad values (`bad_values`), order, repeats and parts (`order`), the period
+ │   samples.sample       missing and bad values (`bad_values`), order, repeats and parts (`rows`), the period
  │                        (`clock`), an even clock
  │   opening              a question where the numbers cannot be in their units
  ▼

@@ -34,6 +34,8 @@ REMARKS = 8
 """Lines above the first row that may come again between the sweeps of a recording."""
 MARKS, LONGEST_TITLE = "[]<>=:*#%!/;, \t\r\n", 60
 """Characters around a heading, and most of its own."""
+GCS_ENTRY = re.compile(r"^#\s*((?:NAME|UNIT)\d+)\s*=\s*(.*?)\s*$", re.MULTILINE)
+"""Name or unit of a column in the header of PI's General Command Set array (PI manual SM146, section on GCS arrays)."""
 LINE = re.compile(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+")
 PLAIN = re.compile(r"[0-9+\-.,;|:eE\s]*")
 
@@ -165,7 +167,10 @@ def layout_of(
     )
     start = _with_damaged_rows(dialect, lines, next(good, rows[0]), kinds, first)
     layout = _headed(lines, dialect, start, kinds, header_row)
-    beside = _named_by_settings(cells[:SETTINGS], kinds)
+    beside, told = _named_by_settings(cells[:SETTINGS], kinds), dict(GCS_ENTRY.findall("".join(lines[: layout.start])))
+    for k, kind in enumerate(kinds):
+        if f"NAME{k}" in told:
+            beside[k] = Column.named(told[f"NAME{k}"], told.get(f"UNIT{k}", ""), kind=kind)
     period, unread = period_in([*lines[: layout.start], *stated])
     return replace(
         layout,

@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 
 from piezo_model.recordings.options import ReadOptions
-from piezo_model.recordings.order import refuse_sorted, sweep_starts
-from piezo_model.recordings.roles import NO_CLOCK, choose_roles
-from piezo_model.recordings.rows import Rows
+from piezo_model.recordings.roles import choose_roles
+from piezo_model.recordings.rows import Rows, sweep_starts
 from piezo_model.recordings.samples import sample
-from piezo_model.recordings.table import ABSURD, FEW_ROWS, PROFILED, RecordingError, Table
+from piezo_model.recordings.table import ABSURD, FEW_ROWS, RecordingError, Table
 from piezo_model.units import LENGTHS, PREFIXES, VOLTAGES, canonical, quantity, seconds
 from solvers.arrays import Mask, Vector
 
@@ -86,11 +85,7 @@ def read_signals(
     """
     if options.strict and table.repairs:
         raise RecordingError(f"{table.path}: {table.repairs[0]}; without --strict that is accepted")
-    try:
-        roles = choose_roles(table, named, options.sample_time is not None)
-    except RecordingError:
-        _refuse_sorted_columns(table, named)
-        raise
+    roles = choose_roles(table, named, options.sample_time is not None)
     time = roles.columns.get("time")
     signals = {role: k for role, k in roles.columns.items() if role != "time"}
     if time is None and options.resample is not None:
@@ -144,18 +139,6 @@ def read_signals(
     }
     units = [_unit(table, *item, values, options) for item, values in zip(signals.items(), rows.signals, strict=True)]
     return about, rows, units
-
-
-def _refuse_sorted_columns(table: Table, named: Mapping[str, str | None]) -> None:
-    """Refuse a table without times whose rows are sorted, so that a period would not help."""
-    try:
-        roles = choose_roles(table, {**named, "time": NO_CLOCK}, sampled=True)
-    except RecordingError:  # the first error asks for what is missing
-        return
-    signals = table.read([*roles.columns.values()], slice(PROFILED))
-    refuse_sorted(
-        Rows(table.path, [f"column {table.names[k]!r}" for k in roles.columns.values()], signals, table.where)
-    )
 
 
 def seconds_per_unit(table: Table, time: int, options: ReadOptions) -> float:

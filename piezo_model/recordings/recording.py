@@ -116,8 +116,8 @@ class Recording(Source):
         Parameters
         ----------
         path : str or Path, optional
-            Of any format; the content determines it. Without it, ``input`` and ``output`` name two files, as for
-            :meth:`join`.
+            Of any format; the content determines it. Without it, ``input`` and ``output`` name two files, as ``FILE``
+            or ``FILE:COLUMN``; the output is interpolated at the times of the input that both have.
         time, input, output : str, optional
             Column names, parts of them that no other column has, paths such as ``group/channel``, or numbers counted
             from 1; guessed by default.
@@ -139,11 +139,12 @@ class Recording(Source):
         >>> recording.sample_time, recording.length, recording.x_range, recording.output_unit
         (0.005, 3, (0.0, 2.0), 'um')
         """
+        options = ReadOptions(**reading)
         if path is None:
             if input is None or output is None:
                 raise RecordingError("a recording in two files needs --input FILE and --output FILE")
-            return cls.join(input, output, time, **reading)
-        options = ReadOptions(**reading)
+            table, roles, reasons = joined(input, output, time, options)
+            return replace(cls._of(*read_signals(table, roles, options)), reasons=reasons)
         named = {"time": time, "input": input, "output": output}
         return cls._of(*read_signals(open_table(path, named, options), named, options))
 
@@ -185,17 +186,6 @@ class Recording(Source):
         arrays = {str(column): np.asarray(frame[column]) for column in frame}
         named = {"time": time, "input": input, "output": output}
         return cls._of(*read_signals(table_of(name, Arrays("arrays", arrays, nested=False)), named, options))
-
-    @classmethod
-    def join(cls, input: str, output: str, time: str | None = None, **reading: Any) -> Self:
-        """Read a recording in two files, ``FILE`` or ``FILE:COLUMN``, as an oscilloscope writes one for each channel.
-
-        Where their times differ, the output is interpolated at the times of the input that both have. Parameters and
-        errors are those of :meth:`open`.
-        """
-        options = ReadOptions(**reading)
-        table, named, reasons = joined(input, output, time, options)
-        return replace(cls._of(*read_signals(table, named, options)), reasons=reasons)
 
     @classmethod
     def _of(cls, about: Mapping[str, Any], rows: Rows, units: Sequence[str]) -> Self:

@@ -1,10 +1,12 @@
-"""The rows of a recording while they are checked and repaired: what one repair changes, all others see."""
+"""The rows of a recording while they are checked and repaired, so that what one repair changes all others see; and
+their order in time: sorted rows, repeated stamps, and sweeps or pauses, at which a part begins."""
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
-from piezo_model.recordings.table import RowName
+from piezo_model.recordings.table import RecordingError, RowName
 from solvers.arrays import Index, Mask, Vector
 
 LEAST_ROWS = 64
@@ -13,6 +15,20 @@ LEAST_ROWS = 64
 
 NEAR = 0.75
 """Largest distance of an interpolated value from a measured one, in sampling periods; farther ones are not counted."""
+LEAST_SWEEP = 16
+"""Fewest rows of a sweep."""
+LEAST_RETURN = 0.5
+"""Smallest share of a sweep's duration by which the times fall back after it."""
+LEAST_PAUSE = 10.0
+"""Shortest pause between two parts, in sampling periods and in the steps beside it; a shorter one is a gap."""
+SAME_RATE = 0.02
+"""Largest relative difference of the sampling periods of two parts."""
+PART = 65536
+"""Rows that tell the usual step."""
+SAME_VALUES = 0.9
+"""Smallest share of repeated stamps that repeat the values, too."""
+TO_AND_FRO, LEAST_JUMP = 10.0, 0.02
+"""Travel of a signal, in ranges, that is no single run, and its mean step where it is read out of order."""
 
 
 def is_near(grid: Vector, times: Vector, period: float) -> Mask:
@@ -72,3 +88,129 @@ class Rows:
         """The first of some rows, as a list for a sentence."""
         names = [self.where(int(row)) for row in at[:most]]
         return ", ".join(names) + (f" and {at.size - most} more" if at.size > most else "")
+
+
+def sort_by_time(rows: Rows) -> None:
+    """Put rows that are sorted by a signal, or by falling times in one or more sweeps, in the order of their times."""
+    times = rows.times
+    if times is None or (times[1:] >= times[:-1]).all():
+        return
+    sweeps = np.split(np.arange(rows.length), sweep_starts(times)[1:])
+    if times[sweeps[0][0]] > times[sweeps[0][-1]] and min(map(len, sweeps)) >= min(LEAST_SWEEP, rows.length):
+        order = np.concatenate([sweep[::-1] for sweep in sweeps])
+    elif np.unique(times).size == times.size and any(map(_monotonic, rows.signals)):
+        order = np.argsort(times)
+    else:
+        return
+    rows.repairs.append("its rows were not in the order of their times, by which they are sorted")
+    rows.take(order)
+    rows.starts = [0]
+
+
+def sweep_starts(times: Vector) -> list[int]:
+    """The first row of each run of times that rise, or that fall where most of them do."""
+    steps = np.diff(times)
+    against = steps < 0.0 if 2 * np.count_nonzero(steps < 0.0) < steps.size else steps > 0.0
+    return [0, *(np.flatnonzero(against) + 1).tolist()]
+
+
+def refuse_sorted(rows: Rows) -> None:
+    """Refuse rows without times that are sorted by one signal while the other one jumps to and fro.
+
+    Raises
+    ------
+    RecordingError
+        The order in time, which hysteresis needs, is lost.
+    """
+    if rows.times is not None or rows.length < LEAST_ROWS or len(rows.signals) < 2:
+        return
+    for label, ordered, other in zip(rows.labels, rows.signals, rows.signals[::-1], strict=True):
+        steps, span = np.diff(ordered), float(np.ptp(other))
+        travel = float(np.abs(np.diff(other)).sum())
+        jumps = travel > LEAST_JUMP * rows.length * span or not steps.all()
+        if _monotonic(ordered) and travel > TO_AND_FRO * span > 0.0 and jumps:
+            raise RecordingError(
+                f"{rows.path}: {label} only {'rises' if steps.max() > 0.0 else 'falls'} while the other signal goes to "
+                "and fro: the rows are sorted by it, and their order in time, which hysteresis needs, is lost"
+            )
+
+
+def _monotonic(values: Vector) -> bool:
+    """Whether values never rise or never fall, missing ones apart, and are not constant."""
+    steps = np.diff(values[~np.isnan(values)])
+    return bool(((steps >= 0.0).all() or (steps <= 0.0).all()) and steps.any())
+
+
+def begin_parts(rows: Rows, even: bool = True) -> None:
+    """Begin a part where the times start again or after a pause, and let the times flow on from part to part.
+
+    Raises
+    ------
+    RecordingError
+        With ``even``, parts that are sampled at different rates; otherwise a gap beside a few rows, over which a
+        line would be drawn.
+    """
+    times = rows.times
+    if times is None or rows.length < 2:
+        return
+    steps = np.diff(times)
+    positive = steps[:PART][steps[:PART] > 0.0]
+    usual = float(np.median(positive)) if positive.size else 0.0
+    back = np.flatnonzero(steps < 0.0) + 1
+    sweeps = [0, *back.tolist()]
+    returns = [
+        times[at] - times[at - 1] < -LEAST_RETURN * (times[at - 1] - times[a]) and steps[at - 2] <= LEAST_PAUSE * usual
+        for a, at in zip(sweeps, back, strict=False)
+    ]
+    if back.size and min(np.diff([*sweeps, rows.length])) >= LEAST_SWEEP and all(returns):
+        rows.starts = sorted({*rows.starts, *sweeps})
+        rows.remarks.append(f"{len(sweeps)} sweeps below each other: the times start again in {rows.named(back)}")
+    long = np.flatnonzero(steps > LEAST_PAUSE * usual)
+    alone = steps[long] > LEAST_PAUSE * np.maximum(steps[long - 1], np.abs(steps[(long + 1) % steps.size]))
+    pauses = np.setdiff1d(long[alone] + 1, rows.starts)
+    long_enough = min(np.diff(sorted({*rows.starts, *pauses.tolist(), rows.length}))) >= LEAST_SWEEP
+    if pauses.size and not even and not long_enough:
+        raise RecordingError(
+            f"{rows.path}: {rows.time_label} has a gap before {rows.named(pauses)} and fewer than {LEAST_SWEEP} rows "
+            "beside it; leave these rows out with --from or --to"
+        )
+    if pauses.size and long_enough:
+        rows.starts = sorted({*rows.starts, *pauses.tolist()})
+        many = "a pause" if pauses.size == 1 else f"{pauses.size} pauses"
+        rows.repairs.append(f"{many} in its times, before {rows.named(pauses)}: the states begin anew there")
+    if later := rows.starts[1:]:
+        if even:
+            _refuse_other_rates(rows, times)
+        first = later[0]
+        period = (times[first - 1] - times[0]) / (first - 1) if (steps[: first - 1] > 0.0).all() else usual
+        leap = np.zeros(rows.length)
+        leap[later] = period - steps[np.array(later) - 1]
+        rows.times = times + np.cumsum(leap)
+
+
+def _refuse_other_rates(rows: Rows, times: Vector) -> None:
+    """Refuse parts whose mean periods differ by more than the rounding of their ends."""
+    bounds = [*rows.starts, rows.length]
+    means = [(times[end - 1] - times[a]) / max(end - a - 1, 1) for a, end in pairwise(bounds)]
+    for start, end, mean in zip(bounds[1:], bounds[2:], means[1:], strict=False):
+        allowed = SAME_RATE + 1.0 / max(end - start - 1, 1) + 1.0 / max(bounds[1] - 1, 1)
+        if abs(mean - means[0]) > allowed * means[0]:
+            raise RecordingError(
+                f"{rows.path}: {rows.time_label} has two sampling rates: one sample every {means[0]:.6g} in the first "
+                f"part and one every {mean:.6g} in that from {rows.where(start)} on; --resample interpolates to an "
+                "even clock"
+            )
+
+
+def drop_repeats(rows: Rows) -> bool:
+    """Leave out rows that repeat the time before them, if nearly all repeat its values, too; whether there were any."""
+    assert rows.times is not None
+    again = np.flatnonzero(np.diff(rows.times) == 0.0) + 1
+    same = np.all([np.diff(signal)[again - 1] == 0.0 for signal in rows.signals], axis=0)
+    if not again.size or np.count_nonzero(same) < SAME_VALUES * again.size:
+        return False
+    rows.repairs.append(
+        f"{again.size} of {rows.length} rows repeat the time before them, and nearly all its values, and were left out"
+    )
+    rows.take(np.delete(np.arange(rows.length), again))
+    return True

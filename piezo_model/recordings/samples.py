@@ -1,7 +1,7 @@
 """From the columns of a table to even samples: what is wrong with them is repaired where that is safe, and said, or
 refused with its row.
 
-In order: codes and missing values (`bad_values`), the order of rows, parts and repeated stamps (`order`), the clock
+In order: codes and missing values (`bad_values`), the order of rows, parts and repeated stamps (`rows`), the clock
 (`clock`), isolated bad samples (`bad_values`), and an even clock by linear interpolation,
 
     y(t_0 + k T) = y_i + (y_{i+1} − y_i) (t_0 + k T − t_i) / (t_{i+1} − t_i),   t_i ≤ t_0 + k T ≤ t_{i+1}.
@@ -12,8 +12,7 @@ import numpy as np
 from piezo_model.recordings.bad_values import count_fresh, drop_codes, drop_incomplete_end, fill, replace_bad_samples
 from piezo_model.recordings.clock import Clock
 from piezo_model.recordings.options import ReadOptions
-from piezo_model.recordings.order import begin_parts, drop_repeats, refuse_sorted, sort_by_time
-from piezo_model.recordings.rows import Rows, is_near
+from piezo_model.recordings.rows import Rows, begin_parts, drop_repeats, is_near, refuse_sorted, sort_by_time
 from piezo_model.recordings.table import RecordingError
 
 MOST_SAMPLES = 1_000_000_000

@@ -391,15 +391,6 @@ def test_an_invalid_sampling_period_is_refused(tmp_path: Path, period: float) ->
         table_of(tmp_path / "stage.rec", Arrays("a format", {"u": X, "y": Y}, periods=period))
 
 
-def test_the_header_of_a_gcs_array_overrides_a_sampling_period_in_its_comments(tmp_path: Path) -> None:
-    gcs(tmp_path / "stage.gcs")
-    text = (tmp_path / "stage.gcs").read_text()
-    (tmp_path / "stage.gcs").write_text(text.replace("# END_HEADER", "# servo: dt = 5 ms\n# END_HEADER"))
-    assert Recording.open(tmp_path / "stage.gcs").sample_time == PERIOD
-    (tmp_path / "stage.gcs").write_text(re.sub("SAMPLE_TIME = .*", "SAMPLE_TIME = soon", text))
-    assert "SAMPLE_TIME in the header is not a number: soon" in refusal(tmp_path / "stage.gcs")
-
-
 @pytest.mark.parametrize("name", TIMES)
 def test_times_are_read_to_the_nanosecond(tmp_path: Path, name: str) -> None:
     TIMES[name](tmp_path / "stage.rec")

@@ -147,8 +147,7 @@ HALF_RATE = table(T, X, Y) + table(T * 2, X, Y)
 SHUFFLED = np.random.default_rng(0).permutation(N)
 SPOILED: dict[str, tuple[str, dict[str, Any], str]] = {
     "shuffled rows": (table(T[SHUFFLED], X[SHUFFLED], Y[SHUFFLED]), {}, "runs backwards"),
-    "sorted rows without times": (table(X[SLOW], Y[SLOW], header=HEADER[1:]), {}, "their order in time"),
-    "the same, with a period": (table(X[SLOW], Y[SLOW], header=HEADER[1:]), {"sample_time": 1e-3}, "order in time"),
+    "sorted rows without times": (table(X[SLOW], Y[SLOW], header=HEADER[1:]), {"sample_time": 1e-3}, "order in time"),
     "sorted by the sensor": (
         table(*(v[np.argsort(-Y)] for v in (X, Y)), header=HEADER[1:]),
         {"sample_time": 1e-3},
@@ -280,15 +279,15 @@ def test_two_files_are_one_recording(tmp_path: Path) -> None:
     assert (joined.input_unit, joined.output_unit, joined.sample_time, joined.length) == ("V", "mV", PERIOD, N)
     np.testing.assert_allclose([joined.x, joined.y], [X, Y], rtol=1e-5)
     assert joined.remarks == ()
-    np.testing.assert_allclose(Recording.join(u, f"{pair}:sensor").y, Y, rtol=1e-5)
-    assert Recording.join(bare, bare, sample_time=1e-3).length == N
-    interpolated = Recording.join(u, late)
+    np.testing.assert_allclose(Recording.open(input=u, output=f"{pair}:sensor").y, Y, rtol=1e-5)
+    assert Recording.open(input=bare, output=bare, sample_time=1e-3).length == N
+    interpolated = Recording.open(input=u, output=late)
     assert "interpolated at the 1799 times of the input" in interpolated.describe()
     np.testing.assert_allclose(interpolated.y, np.interp(T[151:1950], T[:1800] + 0.7525, Y[:1800]), rtol=1e-5)
     (tmp_path / "other.csv").write_text(table(T + 99.0, Y, header=("t_s", "b")))
     for output, sentence in (("other.csv", "have no time in common"), ("absent.csv", "no such file")):
         with pytest.raises(RecordingError, match=sentence):
-            Recording.join(u, str(tmp_path / output))
+            Recording.open(input=u, output=str(tmp_path / output))
     with pytest.raises(RecordingError, match="--input FILE and --output FILE"):
         Recording.open(input=u)
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from piezo_model.recordings.array_table import Arrays, table_of
 from piezo_model.recordings.formats.arrow import open_parquet, open_stream
 from piezo_model.recordings.formats.libraries import read_hdf5, read_matlab, read_npy, read_npz, read_tdms
-from piezo_model.recordings.formats.text import HEAD_BYTES, open_gcs, open_text
+from piezo_model.recordings.formats.text import HEAD_BYTES, open_text
 from piezo_model.recordings.formats.xlsx import open_workbook
 from piezo_model.recordings.options import ReadOptions
 from piezo_model.recordings.table import MOST_COLUMNS, RecordingError, Table, first_line
@@ -76,12 +76,6 @@ FORMATS = (
         read_matlab,
     ),
     Format("a TDMS file", begins(b"TDSm"), read_tdms),
-    Format(
-        "a GCS array",
-        lambda path, head: head.lstrip().startswith(b"#") and b"END_HEADER" in head and b"SEPARATOR" in head,
-        open_gcs,
-        takes=("header_row", "decimal"),
-    ),
     Format("plain text", lambda path, head: True, open_text, takes=("header_row", "decimal", "table")),
 )
 """In the order in which they are tried."""

@@ -1,20 +1,14 @@
-"""Plain text of every kind: its first lines tell how it is written (`layout`), then Arrow parses it (`text_rows`).
-
-PI's General Command Set array, as PIMikroMove and ``qDRR`` write it, is such a text with a header of ``# KEY = value``:
-``SAMPLE_TIME`` is in seconds, and ``NAMEn`` names a recorded signal, for instance "Target Position of axis 1" (PI
-manual SM146, section on GCS arrays).
-"""
+"""Plain text of every kind: its first lines tell how it is written (`layout`), then Arrow parses it (`text_rows`)."""
 
 import codecs
 import re
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from piezo_model.recordings.clock_cells import times
 from piezo_model.recordings.dialect import SEPARATORS
 from piezo_model.recordings.layout import LINE, Layout, Region, layout_of, regions_of
-from piezo_model.recordings.table import Column, RecordingError, Table
+from piezo_model.recordings.table import RecordingError, Table
 from piezo_model.recordings.text_rows import Source, TextRows, blocks_of, end_of_rows
 
 HEAD_BYTES = 1 << 18
@@ -23,8 +17,6 @@ SAMPLE_LINES = 1000
 BYTE_ORDER_MARKS = {codecs.BOM_UTF8: "utf-8", codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}
 ENCODINGS = {"utf-8": "", "latin-1": " in Latin-1", "utf-16-le": " in UTF-16", "utf-16-be": " in UTF-16"}
 """Encodings, and how a description names them."""
-
-GCS_ENTRY = re.compile(r"#\s*([A-Z_]+\d*)\s*=\s*(.*?)\s*$", re.MULTILINE)
 
 
 def open_text(path: Path, header_row: int | None, decimal: str | None) -> list[Table]:
@@ -111,22 +103,6 @@ def _first_lines(source: Source, encoding: str, begin: int, end: int) -> list[st
     return lines
 
 
-def open_gcs(path: Path, header_row: int | None, decimal: str | None) -> list[Table]:
-    """Rows like any text with comments; sampling period, names and units from the header."""
-    with path.open("rb") as file:
-        header = dict(GCS_ENTRY.findall(file.read(HEAD_BYTES).decode("latin-1")))
-    (table, *_) = open_text(path, header_row, decimal)
-    try:
-        period = float(header["SAMPLE_TIME"]) if "SAMPLE_TIME" in header else table.columns[0].sample_time
-    except ValueError:
-        raise RecordingError(f"{path}: SAMPLE_TIME in the header is not a number: {header['SAMPLE_TIME']}") from None
-    columns = (
-        Column.named(header.get(f"NAME{k}", column.name), header.get(f"UNIT{k}", ""), sample_time=period)
-        for k, column in enumerate(table.columns)
-    )
-    return [replace(table, columns=tuple(columns), form="GCS array")]
-
-
 def _encoding(path: Path, head: bytes) -> tuple[str, int]:
     """Encoding, and length of the byte order mark."""
     for mark, encoding in BYTE_ORDER_MARKS.items():
@@ -138,8 +114,8 @@ def _encoding(path: Path, head: bytes) -> tuple[str, int]:
             if sample[odd::2].count(0) > 0.9 * len(sample[odd::2]) and not sample[1 - odd :: 2].count(0):
                 return encoding, 0
         raise RecordingError(
-            f"{path}: is neither plain text nor in a format that is read: Parquet, Arrow, NumPy, HDF5, MATLAB, Excel, "
-            "TDMS or GCS array"
+            f"{path}: is neither plain text nor in a format that is read: Parquet, Arrow, NumPy, HDF5, MATLAB, Excel "
+            "or TDMS"
         )
     try:
         codecs.getincrementaldecoder("utf-8")().decode(head)  # the last character may be cut in two
