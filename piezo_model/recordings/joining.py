@@ -39,7 +39,9 @@ def joined(
         if x.size != y.size:
             raise RecordingError(f"{path}: have {x.size} and {y.size} rows, and no times by which they could be joined")
         times = others if times is None else times
-    elif not _agree(times, others, options.time_tolerance):
+    elif (
+        times.size != others.size or np.abs(times - others).max() > options.time_tolerance * np.ptp(times) / times.size
+    ):
         common = np.flatnonzero((times >= others[0]) & (times <= others[-1]))
         if common.size < 2:
             raise RecordingError(
@@ -89,9 +91,3 @@ def _channel(
     known, factor = ~np.isnan(times), seconds_per_unit(table, clock, options)
     unit = "s" if table.columns[clock].unit or table.columns[clock].kind == "clock" else ""
     return (table, times[known] * factor, values[known], table.columns[k], unit, roles.reasons)
-
-
-def _agree(times: Vector, others: Vector, tolerance: float) -> bool:
-    """Whether two clocks tell the same times."""
-    period = (times[-1] - times[0]) / max(times.size - 1, 1)
-    return times.size == others.size and bool(np.abs(times - others).max() <= tolerance * period)

@@ -3,6 +3,7 @@ where the numbers cannot be in their units."""
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,8 @@ from piezo_model.recordings.table import ABSURD, FEW_ROWS, RecordingError, Table
 from piezo_model.units import LENGTHS, PREFIXES, VOLTAGES, canonical, quantity, seconds
 from solvers.arrays import Mask, Vector
 
+MOST_NAMED = 8
+"""Most columns of a table that are named where tables are listed."""
 CLOCK_TOLERANCE = 0.01
 """Largest relative difference between the duration by a time column and by a given sampling period."""
 MOST_VOLTS, MOST_METRES, LONGEST_PERIOD_S = 1e4, 1.0, 60.0
@@ -37,7 +40,10 @@ def open_table(path: str | Path, named: Mapping[str, str | None], options: ReadO
     from piezo_model.recordings import formats  # imports pyarrow
 
     tables = formats.open_tables(path, options)
-    listed = [f"{k} {table.about}" for k, table in enumerate(tables, start=1)]
+    listed = [
+        f"{k} {table.title!r} ({', '.join(table.names[:MOST_NAMED])}; {table.rows} rows)"
+        for k, table in enumerate(tables, start=1)
+    ]
     if options.table is not None:
         wanted = options.table.casefold()
         fits = [int(wanted) - 1] if wanted.isdigit() and 0 < int(wanted) <= len(tables) else []
@@ -45,8 +51,11 @@ def open_table(path: str | Path, named: Mapping[str, str | None], options: ReadO
             fits = fits or [k for k, table in enumerate(tables) if test(table.title.casefold())]
         question = f"has {len(fits) or 'no'} tables {options.table!r}"
     elif len(tables) > 1:
-        long = [k for k, table in enumerate(tables) if (table.rows or 0) > FEW_ROWS]
-        fits = [k for k in long if _has_roles(tables[k], named, options)]
+        fits = []
+        for k, table in enumerate(tables):
+            with suppress(RecordingError):
+                choose_roles(table, named, options.sample_time is not None)
+                fits += [k] * (table.rows > FEW_ROWS)
         question = f"has {len(tables)} tables, and {len(fits) or 'none'} of them can be the recording by their columns"
     else:
         return tables[0]
@@ -54,14 +63,6 @@ def open_table(path: str | Path, named: Mapping[str, str | None], options: ReadO
         raise RecordingError(f"{path}: {question}; --table takes a number or a name: {'; '.join(listed)}")
     chosen, about = tables[fits[0]], listed.pop(fits[0])
     return replace(chosen, form=f"{chosen.form}, table {about}, without {'; '.join(listed)}") if listed else chosen
-
-
-def _has_roles(table: Table, named: Mapping[str, str | None], options: ReadOptions) -> bool:
-    try:
-        choose_roles(table, named, options.sample_time is not None)
-    except RecordingError:
-        return False
-    return True
 
 
 def read_signals(

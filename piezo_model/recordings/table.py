@@ -32,8 +32,6 @@ MOST_BYTES = 2 << 30
 """Largest size of values that a library reads at once; it may hold another copy of them."""
 FEW_ROWS = 16
 """Rows of which a table beside longer ones has more; a shorter one above another is its preamble."""
-MOST_NAMED = 8
-"""Most columns of a table that are named where tables are listed."""
 RowName = Callable[[int], str]
 """Name of a row counted from 0, as the user counts rows."""
 
@@ -123,19 +121,13 @@ class Table:
     """What states a sampling period, and cannot be read as one."""
     title: str = ""
     """Name of its sheet, or the text above it, by which the user chooses among the tables of a file."""
-    rows: int | None = None
+    rows: int = 0
     """About how many rows it has, beside other tables."""
 
     @cached_property
     def names(self) -> list[str]:
         """Names of the columns, those that repeat with their number."""
         return distinct([column.name for column in self.columns])
-
-    @property
-    def about(self) -> str:
-        """Title, columns and rows, for a list of tables."""
-        names = ", ".join(self.names[:MOST_NAMED]) + ", …" * (len(self.names) > MOST_NAMED)
-        return f"{self.title!r} ({names}; {self.rows} rows)"
 
     def label(self, k: int) -> str:
         """File and column, the start of a sentence."""

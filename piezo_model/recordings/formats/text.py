@@ -14,6 +14,12 @@ from piezo_model.recordings.text_rows import Source, TextRows, blocks_of, end_of
 HEAD_BYTES = 1 << 18
 """Bytes at the start of a file that determine its format; the header of a text must lie within them."""
 SAMPLE_LINES = 1000
+NO_TABLE = (
+    "holds no table, only blank or comment lines",
+    "has a header and no data rows",
+    "holds no rows of numbers in its first lines; --header-row says which row names the columns",
+)
+"""Why there is none, by the number of lines that are written."""
 BYTE_ORDER_MARKS = {codecs.BOM_UTF8: "utf-8", codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}
 ENCODINGS = {"utf-8": "", "latin-1": " in Latin-1", "utf-16-le": " in UTF-16", "utf-16-be": " in UTF-16"}
 """Encodings, and how a description names them."""
@@ -41,7 +47,7 @@ def tables_of(source: Source, header_row: int | None, decimal: str | None) -> li
     if source.sheet and (layout is None or layout.dialect.separator != "\t"):
         return []
     if layout is None:
-        raise RecordingError(f"{path}: {_no_table(lines)}")
+        raise RecordingError(f"{path}: {NO_TABLE[min(sum(map(_is_written, lines)), 2)]}")
     _refuse_ambiguous_commas(path, lines, layout)
     regions = regions_of(blocks_of(source, encoding, mark, stop), layout.dialect, lambda text: _size(text, encoding))
     if header_row is not None:  # the user's table ends where the next one begins
@@ -124,14 +130,8 @@ def _encoding(path: Path, head: bytes) -> tuple[str, int]:
     return "utf-8", 0
 
 
-def _no_table(lines: Sequence[str]) -> str:
-    written = [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
-    sentences = (
-        "holds no table, only blank or comment lines",
-        "has a header and no data rows",
-        "holds no rows of numbers in its first lines; --header-row says which row names the columns",
-    )
-    return sentences[min(len(written), 2)]
+def _is_written(line: str) -> bool:
+    return bool(line.strip()) and not line.lstrip().startswith("#")
 
 
 def _refuse_ambiguous_commas(path: Path, lines: Sequence[str], layout: Layout) -> None:
