@@ -1,6 +1,5 @@
 """Values that were not measured: missing ones, which are NaN; infinite ones, and codes such as 9.9e37; isolated bad
-samples, each far from both of its neighbours, to which the other signal shows nothing; and one value to which the
-output drops out again and again.
+samples, each far from both of its neighbours, to which the other signal shows nothing.
 
 A missing output is not counted, of any length, up to half of the rows. A missing drive is interpolated over a few rows;
 over more of them the states of the operators are not known afterwards, so the rows are cut out and a part begins.
@@ -15,7 +14,7 @@ import numpy as np
 
 from piezo_model.recordings.rows import LEAST_ROWS, Rows
 from piezo_model.recordings.table import ABSURD, RecordingError
-from solvers.arrays import Index, Mask, Matrix, Vector
+from solvers.arrays import Index, Mask, Vector
 
 MOST_MISSING = 0.5
 """Largest share of rows without an output, or that are cut out."""
@@ -35,24 +34,11 @@ ANSWER = 4.0
 """Smallest ratio of the other signal's steps next to a jump, to its steps elsewhere, that answers it."""
 REACH = 3
 """Samples after a jump within which the other signal answers."""
-
-
-LEAST_DROPPED, MOST_DROPPED = 3, 0.05
-"""Fewest values, and largest share of them, for which an output is said to drop out."""
-BESIDE = 4
-"""Neighbours on each side of a run of dropped values."""
-UNLIKE_BESIDE, UNLIKE_LIMIT = 4.0, 1.5
-"""Smallest ratios of the distance of a dropped value from its neighbours to the steps between them: anywhere, and that
-of a value beyond all others, which a limit would not be."""
-BEYOND = 0.05
-"""Least distance from neighbours, and of a value beyond all others from these, as a share of the output's range."""
 EVEN, UNEQUAL = 0.95, 1.5
 """Least share of the spans between the values of a slower sensor that are of one length, and least ratio of moves of
 the drive to these values."""
 SHOWN = 1 << 16
 """Rows from the start that show whether an output is held."""
-CANDIDATES = 4
-"""Values after large steps that are tried, the most frequent ones first."""
 
 
 def drop_codes(rows: Rows) -> None:
@@ -184,16 +170,6 @@ def replace_bad_samples(rows: Rows) -> None:
         others = [signal for j, signal in enumerate(rows.signals) if j != k]
         for row in _isolated(values, _steps(rows, values)):
             bad[row] = not any(_answers(_steps(rows, other), row) for other in others)
-        dropped = _dropped_out(values, rows.signals[0]) if k else bad[:0]
-        if dropped.any():
-            at = np.flatnonzero(dropped)
-            rows.repairs.append(
-                f"{label} is {values[at[0]]:.6g} in {rows.named(at)}, outside the range of its neighbours: a sensor "
-                "that drops out, not counted"
-            )
-            rows.replace(k, dropped)
-            values = rows.signals[k]
-            bad &= ~dropped
         for row in np.flatnonzero(bad).tolist():
             beside = " and ".join(f"{values[j]:.6g}" for j in (row - 1, row + 1) if 0 <= j < rows.length)
             found = f"{label} is {values[row]:.6g} in {rows.where(row)} beside {beside}"
@@ -228,41 +204,6 @@ def _isolated(values: Vector, steps: Vector) -> Index:
     ends = [row for row in ends if not {row - 1, row + 1} & {*inside.tolist()}]
     found = np.unique([*inside.tolist(), *ends]).astype(int)
     return found if found.size <= MOST_BAD else found[:0]
-
-
-def _dropped_out(values: Vector, drive: Vector) -> Mask:
-    """Which outputs are isolated runs of one exact value outside the range of their neighbours that the drive does not
-    explain. An output that rests at its own extreme comes and goes by steps like those beside, and is at its limit."""
-    steps = np.abs(np.diff(values))
-    large = np.flatnonzero(steps > UNLIKE * np.median(steps[:: 1 + steps.size // 2**16])) + 1
-    found, counts = np.unique(values[large], return_counts=True)
-    for value in found[np.argsort(-counts, kind="stable")[:CANDIDATES]]:
-        equal = values == value
-        kept, bounds = np.flatnonzero(~equal), np.flatnonzero(np.diff(equal, prepend=False, append=False))
-        if not LEAST_DROPPED <= values.size - kept.size <= MOST_DROPPED * values.size:
-            continue
-        first, last = bounds[::2], bounds[1::2]
-        place = np.searchsorted(kept, first)
-        inner = (place >= BESIDE) & (place <= kept.size - BESIDE) & (last - first <= LONGEST_FILL)
-        first, last = first[inner], last[inner]
-        beside = kept[place[inner][:, None] + np.arange(-BESIDE, BESIDE)]
-        distance = _outside(value, values[beside])
-        step = np.delete(np.abs(np.diff(values[beside])), BESIDE - 1, axis=1).max(1, initial=0.0)
-        share, path = distance / np.ptp(values[kept]), np.column_stack([beside, first, last - 1])
-        certain = (distance > UNLIKE_BESIDE * step) & (np.ptp(drive[path], axis=1) < RETURN * share * np.ptp(drive))
-        if _outside(value, values[None, kept])[0] > BEYOND * np.ptp(values[kept]):
-            certain |= (distance > UNLIKE_LIMIT * step) & (_outside(drive[first], drive[None, kept]) <= 0.0)
-        certain &= share > BEYOND
-        if np.sum((last - first)[certain]) >= LEAST_DROPPED:
-            equal[:] = False
-            equal[_runs(first[distance > 0.0], last[distance > 0.0])] = True
-            return equal
-    return np.zeros(values.size, dtype=bool)
-
-
-def _outside(value: Vector, others: Matrix) -> Vector:
-    """Distances (n,) of values from the ranges of the rows of others (n, k); negative inside."""
-    return np.maximum(others.min(1) - value, value - others.max(1))
 
 
 def _answers(steps: Vector, row: int) -> bool:
