@@ -25,8 +25,8 @@ from solvers.arrays import Vector
 
 PART = 65536
 """Times at the start, and at the end, that tell how they are printed."""
-SAME_RATE, LEAST_CHANGE = 16, 0.05
-"""Fewest equal intervals in a row that make a sampling rate, and the smallest relative difference of another rate."""
+SAME_RATE, MOST_CHANGE = 16, 1.05
+"""Intervals that tell the sampling rates of a start and an end, and the largest ratio of equal ones."""
 MOST_DECIMALS = 15
 FEW = 8
 """Fewest times that tell a digit."""
@@ -122,12 +122,11 @@ class Clock:
             return
         at = int(np.argmax(np.abs(excess) > allowed))
         step, place = times[at + stride] - times[at], self.rows.where(at + stride)
-        near = max(0, at - PART)
-        rates = two_rates(np.diff(times[near : near + 2 * PART]), self.tolerance)
-        if rates is not None:
+        rates = [float(np.median(np.diff(part))) for part in (times[: SAME_RATE + 1], times[-SAME_RATE - 1 :])]
+        if min(rates) > 0.0 and max(rates) > MOST_CHANGE * min(rates):
             sentence = (
-                f"has two sampling rates: one sample every {self._seconds(rates[0])} up to "
-                f"{self.rows.where(near + rates[2])} and one every {self._seconds(rates[1])} from there on"
+                f"has two sampling rates: one sample every {self._seconds(rates[0])} at its start and one every "
+                f"{self._seconds(rates[1])} at its end"
             )
         elif step == 0.0:
             repeated = int(np.count_nonzero(times[1:] == times[:-1]))
@@ -145,7 +144,7 @@ class Clock:
                 f"is not sampled uniformly: {self._seconds(step)} from {self.rows.where(at)} to {place}, where "
                 f"{self._seconds(stride * period)} is expected within {self._seconds(allowed)}"
             )
-        finest = (period if rates is None else min(rates[:2])) * self.seconds
+        finest = min([period, *filter(None, rates)]) * self.seconds
         raise self._refusal(f"{sentence}; --resample {finest:.6g} interpolates to an even clock")
 
     def _refusal(self, sentence: str) -> RecordingError:
@@ -153,21 +152,6 @@ class Clock:
 
     def _seconds(self, value: float) -> str:
         return f"{value * self.seconds:.9g} s"
-
-
-def two_rates(steps: Vector, tolerance: float) -> tuple[float, float, int] | None:
-    """The two periods of intervals that have one length before some index and another one after it, and that index;
-    None for other intervals."""
-    if steps.size < 2 * SAME_RATE:
-        return None
-    first = float(np.median(steps[:SAME_RATE]))
-    changed = np.convolve(np.abs(steps - first) > max(tolerance, LEAST_CHANGE) * first, np.ones(SAME_RATE), "valid")
-    if changed[0] or changed.max() < SAME_RATE:
-        return None
-    at = int(np.argmax(changed == SAME_RATE))
-    second = float(np.median(steps[at : at + SAME_RATE]))
-    agree = np.abs(steps[at : at + SAME_RATE] - second) <= max(tolerance, LEAST_CHANGE) * second
-    return (first, second, at) if min(first, second) > 0.0 and agree.all() else None
 
 
 def _shortest(value: float, uncertainty: float) -> float:
