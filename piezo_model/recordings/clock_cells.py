@@ -7,7 +7,7 @@ Of the orders of day and month in which every date is valid, that with the short
 import math
 import re
 from collections.abc import Sequence
-from datetime import datetime, timedelta
+from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ _DATE = (
 )
 _TIME = r"(?P<first>\d{1,2}):(?P<second>[0-5]\d)(?::(?P<third>[0-5]?\d))?(?:[.,:](?P<fraction>\d+))?"
 CLOCK = re.compile(
-    rf"^{_GAP}{_DATE}{_TIME}{_GAP}(?P<half>[AaPp][Mm])?{_GAP}(?P<zone>Z|UTC|[+-]\d{{2}}(?::?\d{{2}})?)?{_GAP}$"
+    rf"^{_GAP}{_DATE}{_TIME}{_GAP}(?P<half>[AaPp][Mm])?{_GAP}(?P<zone>Z|UTC|[+-](?:[01]\d|2[0-3])(?::?[0-5]\d)?)?{_GAP}$"
 )
 DOTTED_CLOCK = re.compile(r"^\s*(\d{1,2})\.([0-5]\d)\.([0-5]\d(?:\.\d+)?)\s*$")
 ORDERS = ("%Y-%m-%d", "%d-%m-%Y", "%m-%d-%Y")
@@ -57,7 +57,8 @@ def times(chunks: Sequence[pa.StringArray], label: str, where: RowName) -> NDArr
         of_day[short] = (of_day[short] - below_minute) // 60 + below_minute
     first = int(np.argmax(known))
     days = np.array(_days(list(dates), int(date[first])))[date]
-    offsets = np.array(_offsets(list(zones), bool(zone[first])))[zone]
+    has_zone = bool(zone[first])
+    offsets = np.array([_offset(each) if bool(each) == has_zone else math.nan for each in zones])[zone]
     wrong = np.flatnonzero(known & np.isnan(days + offsets + np.where(of_day < 0, np.nan, 0.0)))
     if wrong.size:
         cells, row = pa.chunked_array(chunks), int(wrong[0])
@@ -113,17 +114,10 @@ def _days(dates: list[str], first: int) -> list[float]:
     return [float(valid[best] - read[first].get(best, 0)) if best in valid else math.nan for valid in read]
 
 
-def _offsets(zones: list[str], needed: bool) -> list[float]:
-    """Seconds of the distinct offsets from UTC; NaN for one that is none, or unless all clocks of the column have one
-    or none has."""
-    ahead = []
-    for zone in zones:
-        try:
-            found = datetime.fromisoformat(f"1970-01-01T00:00{zone.replace('UTC', 'Z')}").utcoffset() or timedelta()
-            ahead.append(found.total_seconds() if bool(zone) == needed else math.nan)
-        except ValueError:
-            ahead.append(math.nan)
-    return ahead
+def _offset(zone: str) -> float:
+    """Seconds of an offset from UTC."""
+    digits = re.sub(r"\D", "", zone).ljust(4, "0")
+    return float(f"{zone[:1].strip('ZU')}{3600 * int(digits[:2]) + 60 * int(digits[2:])}")
 
 
 def _coded(texts: pa.StringArray, codes: dict[str, int]) -> NDArray[np.int32]:

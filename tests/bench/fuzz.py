@@ -136,7 +136,7 @@ def rows(pick: Any) -> bytes:
 @st.composite
 def binary_recordings(pick: Any) -> bytes:
     """A damaged file of one of the formats that a library reads."""
-    name = pick(st.sampled_from([name for name in FORMATS if not name.startswith("GCS") and name != "MAT 4"]))
+    name = pick(st.sampled_from([name for name in FORMATS if not name.startswith("GCS")]))
     path = FOLDER / name
     path.mkdir(exist_ok=True)
     return pick(damaged(made(path, name).read_bytes()))
@@ -208,7 +208,6 @@ READERS = {
     "recording, text": Reader(TYPED | damaged(GOOD_CSV.encode()), "stage.csv", read_recording, RecordingError),
     "recording, Parquet": Reader(damaged(GOOD_PARQUET), "stage.parquet", read_recording, RecordingError),
     "recording, binary": Reader(binary_recordings(), "stage.rec", read_in_child, RecordingError),
-    "recording, MAT 4": Reader(damaged(made(FOLDER, "MAT 4").read_bytes()), "stage.mat", read_in_child, RecordingError),
 }
 
 NAMES = (
@@ -260,7 +259,7 @@ def memory_round_trip(value: Any) -> None:
     assert repr(unpacked(decoded(json.dumps(packed(value), allow_nan=False), dict[str, Any]))) == repr(value)
 
 
-SLOW = ("recording, binary", "recording, MAT 4", "controller, C and FMU")
+SLOW = ("recording, binary", "controller, C and FMU")
 """Kinds with a process, or that take long for each input; a twentieth of the inputs is tried."""
 PROPERTIES: dict[str, tuple[st.SearchStrategy[Any], Callable[[Any], None]]] = {
     **{kind: (reader.content, reader.check) for kind, reader in READERS.items()},

@@ -221,10 +221,6 @@ FORMATS: dict[str, tuple[Callable[[Path], Any], dict[str, str]]] = {
         lambda path: scipy.io.savemat(path, {"log": np.array([T, X, Y, T[:3]], object)}),
         {"time": "log/1", "input": "log/2", "output": "log/3"},
     ),
-    "MAT 4": (
-        lambda path: scipy.io.savemat(path.with_suffix(".mat"), {"t": T, "u": X, "y": Y}, format="4"),
-        {"time": "t", "input": "u", "output": "y"},
-    ),
     "MAT 7.3": (mat_7_3, {"time": "t", "input": "u", "output": "y"}),
     "NPY": (
         numpy_file(np.save, np.stack([T, X, Y], 1)),
@@ -244,8 +240,8 @@ UNNAMED = ("HDF5 matrix", "MAT 5 matrix", "MAT 5 cells", "NPY")
 
 
 def made(folder: Path, name: str) -> Path:
-    """A file of the format with a neutral suffix; only MAT 4, which has no signature, needs its own."""
-    path = folder / ("stage.mat" if name == "MAT 4" else "stage.rec")
+    """A file of the format with a neutral suffix."""
+    path = folder / "stage.rec"
     FORMATS[name][0](path)
     return path
 

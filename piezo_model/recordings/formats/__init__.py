@@ -21,8 +21,6 @@ from piezo_model.recordings.options import ReadOptions
 from piezo_model.recordings.table import MOST_COLUMNS, RecordingError, Table, first_line
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
-MAT_4 = (b"\0\0\0\0", b"\x0a\0\0\0", b"\0\0\x03\xe8")
-"""First numbers of MATLAB files of version 4, which have no signature: the suffix has to be theirs, too."""
 
 
 def begins(*marks: bytes) -> Callable[[Path, bytes], bool]:
@@ -70,11 +68,7 @@ FORMATS = (
         lambda path, head: any(head[at : at + 8] == HDF5 for at in (0, 512, 1024, 2048, 4096)),
         read_hdf5,
     ),
-    Format(
-        "a MATLAB file",
-        lambda path, head: head.startswith(b"MATLAB ") or (path.suffix.lower() == ".mat" and head[:4] in MAT_4),
-        read_matlab,
-    ),
+    Format("a MATLAB file", begins(b"MATLAB "), read_matlab),
     Format("a TDMS file", begins(b"TDSm"), read_tdms),
     Format("plain text", lambda path, head: True, open_text, takes=("header_row", "decimal", "table")),
 )

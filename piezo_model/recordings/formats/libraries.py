@@ -6,7 +6,7 @@ HDF5 and NeXus: every dataset of numbers is a column, or several, by its path ``
 ``units`` (NeXus) or ``unit`` gives the unit, and a scalar dataset or an attribute with the name of a sampling rate or
 period gives the period.
 
-MATLAB, versions 4 to 7 by scipy (7.3 is HDF5): a struct with fields ``Name`` (or ``label``)
+MATLAB, versions 5 to 7 by scipy (7.3 is HDF5): a struct with fields ``Name`` (or ``label``)
 and ``Data`` (or ``values``), as of Simulink and dSPACE, is a channel of that name. Any other variable is a column named
 by its path; a cell array gives one for each cell.
 
@@ -116,15 +116,9 @@ def _unit(item: Any) -> str:
 
 def read_matlab(path: Path) -> Arrays:
     """Every variable."""
-    from scipy.io.matlab import loadmat, matfile_version, whosmat
-
     from piezo_model.recordings.formats.mat_5 import read_mat_5
 
-    with path.open("rb") as file:
-        version, _ = matfile_version(file)
-        if version == 0:
-            check_size(path, sum(8 * abs(math.prod(shape)) for _, shape, kind in whosmat(file) if kind != "sparse"))
-        variables = read_mat_5(path) if version else loadmat(file, simplify_cells=True)
+    variables = read_mat_5(path)
     units: dict[str, str] = {}
     arrays = dict(_matlab_arrays("", variables, units))
     several = {name: array for name, array in arrays.items() if array.size > 1}
