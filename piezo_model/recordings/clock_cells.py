@@ -57,8 +57,7 @@ def times(chunks: Sequence[pa.StringArray], label: str, where: RowName) -> NDArr
         of_day[short] = (of_day[short] - below_minute) // 60 + below_minute
     first = int(np.argmax(known))
     days = np.array(_days(list(dates), int(date[first])))[date]
-    has_zone = bool(zone[first])
-    offsets = np.array([_offset(each) if bool(each) == has_zone else math.nan for each in zones])[zone]
+    offsets = np.array([_offset(each) if bool(each) == bool(zone[first]) else math.nan for each in zones])[zone]
     wrong = np.flatnonzero(known & np.isnan(days + offsets + np.where(of_day < 0, np.nan, 0.0)))
     if wrong.size:
         cells, row = pa.chunked_array(chunks), int(wrong[0])

@@ -51,16 +51,22 @@ def joined(
         y = np.where(near, np.interp(times[common], others, y), np.nan)
         times, x, where = times[common], x[common], lambda row: first.where(int(common[row]))
         repairs += (f"the output is interpolated at the {times.size} times of the input that both files have",)
-    pairs = (first, drive), (second, sensor)
-    columns = [replace(of, name=f"{table.path}/{of.name}", nested=True, rows=None) for table, of in pairs]
-    roles, arrays = {"time": NO_CLOCK, "input": "1", "output": "2"}, [x, y]
-    if times is not None:
-        unit = options.time_unit or "s"
-        columns.insert(0, Column("time", unit_s))
-        arrays.insert(0, times / (seconds(canonical(unit) or unit) or 1.0))
-        roles = {"time": "1", "input": "2", "output": "3"}
-    found = {"time": reasons_x.get("time"), "input": reasons_x.get("reference")}
-    reasons = {role: why for role, why in {**found, "output": reasons_y.get("reference")}.items() if why}
+    unit = options.time_unit or "s"
+    arrays = [x, y] if times is None else [times / (seconds(canonical(unit) or unit) or 1.0), x, y]
+    columns = [Column("time", unit_s)] * (len(arrays) - 2) + [
+        replace(of, name=f"{table.path}/{of.name}", nested=True, rows=None)
+        for table, of in ((first, drive), (second, sensor))
+    ]
+    roles = {
+        "time": NO_CLOCK if times is None else "1",
+        "input": str(len(arrays) - 1),
+        "output": str(len(arrays)),
+    }
+    reasons = {
+        "time" if key == "time" else role: why
+        for role, of in (("input", reasons_x), ("output", reasons_y))
+        for key, why in of.items()
+    }
     return (
         Table(
             path,

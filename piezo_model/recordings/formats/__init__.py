@@ -106,10 +106,9 @@ def open_tables(path: str | Path, options: ReadOptions) -> list[Table]:
         raise RecordingError(
             f"{path}: is {format.name}, and reading it needs the package {error.name}: install piezobench[formats]"
         ) from None
-    except FileNotFoundError:
-        raise RecordingError(f"{path}: no such file") from None
-    except PermissionError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from None
+    except (FileNotFoundError, PermissionError) as error:
+        why = f"cannot be read: {error.strerror}" if path.exists() else "no such file"
+        raise RecordingError(f"{path}: {why}") from None
     except Exception as error:
         raise RecordingError(f"{path}: is {format.name}, and damaged: {first_line(error)}") from None
     most = max(len(table.columns) for table in tables)

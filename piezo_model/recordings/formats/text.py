@@ -1,7 +1,6 @@
 """Plain text of every kind: its first lines tell how it is written (`layout`), then Arrow parses it (`text_rows`)."""
 
 import codecs
-import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -47,8 +46,8 @@ def tables_of(source: Source, header_row: int | None, decimal: str | None) -> li
     if source.sheet and (layout is None or layout.dialect.separator != "\t"):
         return []
     if layout is None:
-        raise RecordingError(f"{path}: {NO_TABLE[min(sum(map(_is_written, lines)), 2)]}")
-    _refuse_ambiguous_commas(path, lines, layout)
+        written = sum(bool(line.strip()) and not line.lstrip().startswith("#") for line in lines)
+        raise RecordingError(f"{path}: {NO_TABLE[min(written, 2)]}")
     regions = regions_of(blocks_of(source, encoding, mark, stop), layout.dialect, lambda text: _size(text, encoding))
     if header_row is not None:  # the user's table ends where the next one begins
         regions = [Region(), *(each for each in regions if header_row and each.line + each.names >= header_row)]
@@ -128,19 +127,3 @@ def _encoding(path: Path, head: bytes) -> tuple[str, int]:
     except UnicodeDecodeError:
         return "latin-1", 0
     return "utf-8", 0
-
-
-def _is_written(line: str) -> bool:
-    return bool(line.strip()) and not line.lstrip().startswith("#")
-
-
-def _refuse_ambiguous_commas(path: Path, lines: Sequence[str], layout: Layout) -> None:
-    """Refuse a table whose commas seem to be both separators and decimal marks."""
-    if layout.header is not None or layout.dialect.separator != "," or not layout.start:
-        return
-    header, cells = layout.dialect.split(lines[layout.start - 1]), layout.dialect.split(lines[layout.start])
-    if 1 < len(header) < len(cells) <= 2 * len(header) and all(re.fullmatch(r"[+-]?\d+", cell) for cell in cells):
-        raise RecordingError(
-            f"{path}: row {layout.start + 1} (data row 1) has {len(cells)} columns where the header has "
-            f"{len(header)}; its numbers seem to have decimal commas, write decimal points"
-        )

@@ -43,10 +43,13 @@ def open_workbook(path: Path, header_row: int | None) -> list[Table]:
         with copy if copy.tell() else path.open("rb") as file:  # since openpyxl checks the suffix of a name
             book = openpyxl.load_workbook(file, read_only=True, data_only=True)
             sheets = list(_texts(path, book.worksheets))
-    tables = []
-    for name, text in sheets:
-        source = Source(path, partial(io.BytesIO, text), len(text), f"Excel, sheet {name!r}", name)
-        tables += tables_of(source, header_row, ".")
+    tables = [
+        table
+        for name, text in sheets
+        for table in tables_of(
+            Source(path, partial(io.BytesIO, text), len(text), f"Excel, sheet {name!r}", name), header_row, "."
+        )
+    ]
     if not tables:
         raise RecordingError(f"{path}: is an Excel workbook without rows of numbers")
     return tables
