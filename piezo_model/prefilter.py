@@ -44,7 +44,7 @@ class Prefilter:
         self.ring = 1 + max(late, whole)
         decay = math.exp(-sample_time / dynamics.amplifier_lag_s) if dynamics.amplifier_lag_s else 0.0
         forgotten = 1 + int(np.flatnonzero(np.abs(h) > FORGOTTEN * np.max(np.abs(h)))[-1])
-        modes = [_constants(D, R) for D, R in 3 * pairs]
+        modes = [[1 / R[0], 1 - R[2] / R[0], 1 / D[0], D[0] - D[2], R[0], D[0], 0, 0, 0] for D, R in 3 * pairs]
         self.constants = np.concatenate(
             [*modes, [decay, whole, late, late - lag, forgotten], taps, np.zeros(TAPS - taps.size)]
         )
@@ -66,8 +66,3 @@ class Prefilter:
             drives = values[self.constants.size + STATES + self.ring :][: self.ring + 1]
             drives[:] = new.unit_input(old.x_centre + old.x_scale * drives)
         return values
-
-
-def _constants(D: Vector, R: Vector) -> Vector:
-    """Constants of a mode, and its three states."""
-    return np.array([1.0 / R[0], 1.0 - R[2] / R[0], 1.0 / D[0], D[0] - D[2], R[0], D[0], 0.0, 0.0, 0.0])

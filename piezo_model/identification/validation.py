@@ -156,7 +156,7 @@ def _start_and_transient(
         counted = counted_from(head, skip)
         best = start_of(head, counted, s, v, solving, shift, parameters)[1]
         best = _with_creep_levels(head, counted, model.arrays, best, shift, solving, parameters)
-        return best, _centred(best, counted)
+        return best, np.asarray(0.5 * (best.error - np.median(best.error[counted])))  # shares of the range
 
     whole, error = fitted(0)
     if longest and np.max(np.abs(whole.error[:longest])) > np.max(np.abs(whole.error[longest:])):
@@ -198,11 +198,6 @@ def _with_creep_levels(
     state.creep.reshape(-1, s.lanes)[:, : s.n + 1] += levels[:, None]
     other = fit(shift)
     return other if found.improved_by(other, len(effects)) else found
-
-
-def _centred(fit: ForwardFit, counted: Mask) -> Vector:
-    """Errors (N,) of a fit from their median, as shares of the range."""
-    return np.asarray(0.5 * (fit.error - np.median(fit.error[counted])))
 
 
 @one_thread

@@ -1,5 +1,6 @@
 """Values that were not measured: missing ones, which are NaN; infinite ones, and codes such as 9.9e37; isolated bad
-samples, each far from both of its neighbours, to which the other signal shows nothing.
+samples, each far from both of its neighbours, to which the other signal shows nothing; and one value beyond all others,
+to which the output drops out again and again.
 
 A missing output is not counted, of any length, up to half of the rows. A missing drive is interpolated over a few rows;
 over more of them the states of the operators are not known afterwards, so the rows are cut out and a part begins.
@@ -34,6 +35,9 @@ ANSWER = 4.0
 """Smallest ratio of the other signal's steps next to a jump, to its steps elsewhere, that answers it."""
 REACH = 3
 """Samples after a jump within which the other signal answers."""
+LEAST_DROPPED, MOST_DROPPED, BEYOND = 3, 0.05, 0.05
+"""Fewest samples, and largest share of them, in which an output drops out, and least distance of that value from all
+others, as a share of their range: a limit of the sensor is nearer."""
 EVEN, UNEQUAL = 0.95, 1.5
 """Least share of the spans between the values of a slower sensor that are of one length, and least ratio of moves of
 the drive to these values."""
@@ -166,14 +170,23 @@ def replace_bad_samples(rows: Rows) -> None:
     if rows.length < LEAST_ROWS:
         return
     for k, (label, values) in enumerate(zip(rows.labels, rows.signals, strict=True)):
+        if k and (dropped := _dropped_out(values, rows.signals[0])).any():
+            rows.repairs.append(
+                f"{label} is {values[dropped][0]:.6g} in {rows.named(np.flatnonzero(dropped))}, beyond all others: a "
+                "sensor that drops out, not counted"
+            )
+            rows.replace(k, dropped)
+            values = rows.signals[k]
         bad = np.zeros(rows.length, dtype=bool)
         others = [signal for j, signal in enumerate(rows.signals) if j != k]
         for row in _isolated(values, _steps(rows, values)):
             bad[row] = not any(_answers(_steps(rows, other), row) for other in others)
         for row in np.flatnonzero(bad).tolist():
             beside = " and ".join(f"{values[j]:.6g}" for j in (row - 1, row + 1) if 0 <= j < rows.length)
-            found = f"{label} is {values[row]:.6g} in {rows.where(row)} beside {beside}"
-            rows.repairs.append(f"{found}, an isolated bad sample, which is not counted")
+            rows.repairs.append(
+                f"{label} is {values[row]:.6g} in {rows.where(row)} beside {beside}, an isolated bad sample, "
+                "which is not counted"
+            )
         if bad.any():
             rows.replace(k, bad)
 
@@ -204,6 +217,21 @@ def _isolated(values: Vector, steps: Vector) -> Index:
     ends = [row for row in ends if not {row - 1, row + 1} & {*inside.tolist()}]
     found = np.unique([*inside.tolist(), *ends]).astype(int)
     return found if found.size <= MOST_BAD else found[:0]
+
+
+def _dropped_out(values: Vector, drive: Vector) -> Mask:
+    """Which outputs are one value far beyond all others, though the drive mostly is within its range elsewhere."""
+    for value in (np.fmin.reduce(values), np.fmax.reduce(values)):
+        equal = values == value
+        kept, x = values[~equal], drive[~equal]
+        if (
+            LEAST_DROPPED <= np.count_nonzero(equal) <= MOST_DROPPED * values.size
+            and abs(value - np.clip(value, low := np.fmin.reduce(kept), high := np.fmax.reduce(kept)))
+            > BEYOND * (high - low)
+            and x.min() <= np.median(drive[equal]) <= x.max()
+        ):
+            return equal
+    return np.zeros(values.size, dtype=bool)
 
 
 def _answers(steps: Vector, row: int) -> bool:

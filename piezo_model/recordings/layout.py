@@ -12,7 +12,6 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from itertools import pairwise
 
 from piezo_model.recordings.dialect import COMMENT, SEPARATORS, Dialect, cells_of
@@ -176,7 +175,11 @@ def layout_of(
         layout,
         unread_period=unread,
         columns=tuple(replace(beside.get(k, column), sample_time=period) for k, column in enumerate(layout.columns)),
-        remarks=frozenset(map(as_remark, filter(partial(_is_text, dialect), lines[max(0, start - REMARKS) : start]))),
+        remarks=frozenset(
+            as_remark(line)
+            for line in lines[max(0, start - REMARKS) : start]
+            if any(dialect.kind(cell) == "text" for cell in dialect.split(line)) and not dialect.is_comment(line)
+        ),
         quoted=quoted,
     )
 
@@ -209,11 +212,6 @@ def _without_settings(lines: Sequence[str]) -> tuple[Sequence[str], list[str]]:
 def as_remark(line: str) -> str:
     """A line with every number as 0: the headings of sweeps differ in their numbers."""
     return re.sub(r"\d++", "0", line.strip())
-
-
-def _is_text(dialect: Dialect, line: str) -> bool:
-    """Whether a line has a text and no row of values."""
-    return any(dialect.kind(cell) == "text" for cell in dialect.split(line)) and not dialect.is_comment(line)
 
 
 def _score(dialect: Dialect, lines: Sequence[str], first: int) -> tuple[float, Dialect, list[int]]:

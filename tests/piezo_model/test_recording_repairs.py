@@ -345,3 +345,47 @@ def test_a_part_is_read_by_seconds_and_every_tenth_row(
     monkeypatch.setattr("piezo_model.recordings.table.free_memory", lambda: 100_000.0)
     assert "read a part of it with --from and --to (seconds), or every tenth row" in refusal(path)
     assert Recording.open(path, to_s=1.0).length == 201
+
+
+def recorded(folder: Path, x: np.ndarray, y: np.ndarray) -> Recording:
+    """A recording at 1 kHz, from a file."""
+    write_table(folder / "stage.parquet", dict(zip(HEADER, (np.arange(x.size) / 1000.0, x, y), strict=True)))
+    return Recording.open(folder / "stage.parquet")
+
+
+@pytest.mark.parametrize("offset", [20.0, -120.0])
+@pytest.mark.parametrize("drive", ["triangle", "multi_sine"])
+def test_an_output_that_drops_out_to_one_value_beyond_all_others_is_missing_there(
+    tmp_path: Path, drive: str, offset: float
+) -> None:
+    t, at = np.arange(4000) / 1000.0, np.random.default_rng(3).choice(np.arange(20, 3980), 37, replace=False)
+    x = (
+        50.0
+        + {
+            "triangle": 40.0 * np.arcsin(np.sin(8.0 * t)),
+            "multi_sine": 20.0 * np.sin(20.0 * t) + 15.0 * np.sin(47.0 * t),
+        }[drive]
+    )
+    y = offset + 0.8 * x + 0.1 * np.clip(x, 30.0, 70.0)
+    dropped = np.where(np.isin(np.arange(t.size), at), 0.0, y)
+    found = recorded(tmp_path, x, dropped)
+    far = np.abs(dropped - y) > 0.05 * np.ptp(y)
+    assert np.count_nonzero(far) > 25
+    assert found.uncounted[far].all()
+    assert not found.uncounted[dropped == y].any()
+    assert np.max(np.abs(found.y - y)) < 0.05 * np.ptp(y)
+    assert any("beyond all others: a sensor that drops out, not counted" in r for r in found.remarks)
+
+
+@pytest.mark.parametrize("drive", [np.sin, np.sign, lambda phase: np.round(3.0 * np.sin(phase))])
+def test_an_output_at_the_limit_of_its_sensor_or_between_levels_does_not_drop_out(
+    tmp_path: Path, drive: Callable[[np.ndarray], np.ndarray]
+) -> None:
+    rng = np.random.default_rng(4)
+    for per_period in (12, 40, 400):
+        x = 50.0 + 40.0 * drive(2.0 * np.pi * np.arange(4000) / per_period)
+        y = np.round(0.8 * x + 0.02 * rng.normal(size=x.size), 2)
+        for limited in (y, np.clip(y, *np.quantile(y, [0.1, 0.9])), np.minimum(y, np.quantile(y, 0.98))):
+            found = recorded(tmp_path, x, limited)
+            np.testing.assert_array_equal(found.y, limited)
+            assert not found.uncounted.any()

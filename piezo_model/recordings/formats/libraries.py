@@ -59,8 +59,13 @@ def read_hdf5(path: Path) -> Arrays:
     datasets = [item for item in datasets if not item.name.startswith("/#")]  # MATLAB's references
     # a chunk is unpacked as a whole
     check_size(path, max((math.prod(item.chunks or ()) * item.dtype.itemsize for item in datasets), default=0))
+    # of a record the fields whose cells have a size; many cells can refer to one long text
     arrays = {
-        item.name.lstrip("/"): _without_texts(item) if item.dtype.hasobject else item
+        item.name.lstrip("/"): item.astype(
+            [(n, item.dtype[n]) for n in item.dtype.names if not item.dtype[n].hasobject]
+        )
+        if item.dtype.hasobject
+        else item
         for item in datasets
         if max(item.shape or (0,)) > 1 and (item.dtype.names or item.dtype.kind in "iufbc")
         if item.attrs.get("MATLAB_class") != b"char"
@@ -70,11 +75,6 @@ def read_hdf5(path: Path) -> Arrays:
     if sum(array.size * array.dtype.itemsize for array in arrays.values()) <= AT_ONCE:
         arrays = {name: array[()] for name, array in arrays.items()}
     return Arrays("HDF5", arrays, units, period)
-
-
-def _without_texts(dataset: Any) -> Any:
-    """The fields whose cells have a size; many cells can refer to one long text."""
-    return dataset.astype([(n, dataset.dtype[n]) for n in dataset.dtype.names if not dataset.dtype[n].hasobject])
 
 
 def refuse_other_files(path: Path, file: Any) -> None:
