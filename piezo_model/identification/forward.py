@@ -136,13 +136,15 @@ class ForwardFit(Trial):
     counted: Mask
     parts: Sequence[slice]
     P: Matrix
-    """Mean of JᵀJ over (v, further, θ) at the last step."""
+    """Mean of JᵀJ over (v, further, θ), from where the last step began."""
     free: Mask
     """Which of these the data determine and no bound holds."""
     parameters: Parameters | None
     """The dynamics, and which of their parameters were unknowns."""
     derivative: Callable[[Vector], Vector]
     """That of the output (N,) along a direction of (v, further, θ), in which what a bound holds does not move."""
+    P_here: Callable[[], Matrix]
+    """P where the derivative is: unknowns that the data hardly determine differ much between the two."""
 
     @property
     def v(self) -> Vector:
@@ -178,8 +180,7 @@ class ForwardFit(Trial):
 
 def piece_slopes(s: ModelStructure, v: Vector, unit_y: Vector) -> Vector:
     """Slope of S⁻¹ in the piece of each output, shape (N,)."""
-    r = np.array(s.dead_zone_thresholds)
-    return np.asarray(v[s.slices[1]][np.searchsorted(np.delete(r, s.middle), unit_y)])
+    return np.asarray(v[s.slices[1]][np.searchsorted(np.delete(s.dead_zone_thresholds, s.middle), unit_y)])
 
 
 def initial_slopes(s: ModelStructure, state: OperatorState) -> Vector:
@@ -286,16 +287,19 @@ def fit_forward(
         own = error if counted.all() else error[counted]
         return Trial(z, begun, g, static, y_model, error, float(own @ own) / own.size + EXACT)
 
+    def linearised(at: Trial) -> tuple[Matrix, Vector, Mask]:
+        """P and Jᵀe / N over all unknowns, and which weights moved."""
+        solving.passes += 1
+        moves = [
+            (trial(near, None if with_lag and near[-1] != at.z[-1] else at.static).y_model - at.y_model) / made
+            for near, made in (box.step(at.z, along) for along in np.eye(z.size)[d + n + k :])
+        ]
+        gram, moved = _gram(recording, counted, s, at, free_parts, np.column_stack([further.signals, *moves]))
+        return gram[:-1, :-1], gram[:-1, -1], moved
+
     best, P, free = trial(z), np.eye(z.size), box.low < box.high
     for _ in range(steps if free.any() else 0):
-        solving.passes += 1
-        z = best.z
-        moves = [
-            (trial(at, None if with_lag and at[-1] != z[-1] else best.static).y_model - best.y_model) / made
-            for at, made in (box.step(z, along) for along in np.eye(z.size)[d + n + k :])
-        ]
-        gram, moved = _gram(recording, counted, s, best, free_parts, np.column_stack([further.signals, *moves]))
-        P, Je = gram[:-1, :-1], gram[:-1, -1]
+        z, (P, Je, moved) = best.z, linearised(best)
         determined = np.diag(P) > 0.0
         determined[:d] &= moved & (not weights_known)
         free = determined & box.leaves(z)
@@ -337,6 +341,7 @@ def fit_forward(
         free=free[kept],
         parameters=None if best.dynamics is None or parameters is None else replace(parameters, start=best.dynamics),
         derivative=derivative,
+        P_here=lambda: linearised(best)[0][np.ix_(kept, kept)],
     )
 
 

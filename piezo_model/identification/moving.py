@@ -55,8 +55,8 @@ def movement(
     other, f = refit(Columns(signals, -free, free)), fit.dynamics.frequencies_Hz[mode]
     change = shapes @ other.further
     change -= np.average(change, weights=weights)
-    ends = np.quantile(change, USUAL, weights=weights, method="inverted_cdf") * (_chance(other) < CHANCE)
-    low, high = (f * np.exp(ends)).tolist()
+    ends = np.quantile(change, USUAL, weights=weights, method="inverted_cdf")
+    low, high = (f * np.exp(ends * (_chance(replace(other, P=other.P_here())) < CHANCE))).tolist()
     return (low, high), math.sqrt(np.average(change**2, weights=weights))
 
 

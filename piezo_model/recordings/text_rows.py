@@ -137,15 +137,11 @@ class TextRows:
         """The marks that start a comment; the separator may also follow an empty first cell."""
         return tuple(mark for mark in COMMENT_MARKS if mark != self.layout.dialect.separator)
 
-    @cached_property
-    def _signs(self) -> tuple[str, ...]:
-        """Texts of which a block has one if it has a line that is no row."""
-        return *self._marks, *(max(remark.split("0"), key=len) for remark in self.layout.remarks)
-
     def _is_plain(self, block: str) -> bool:
         """Whether all lines of a block are rows."""
         blank = "\n\n" in block or "\n\r" in block or "\r\r" in block or block.isspace() or block[:1] in "\r\n"
-        return not blank and not any(sign in block for sign in self._signs)
+        signs = *self._marks, *(max(remark.split("0"), key=len) for remark in self.layout.remarks)
+        return not blank and not any(sign in block for sign in signs)
 
     def _is_row(self, line: str) -> bool:
         blank = line.isspace() if self.layout.dialect.separator == " " else not line.strip(" \r\n")
