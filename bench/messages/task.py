@@ -215,6 +215,8 @@ class Outcome:
     """Number of preemptions while the process was timed."""
     answers: Matrix = field(default_factory=lambda: np.zeros((0, 0)))
     """The timed answers. Shape (n, d)."""
+    first_call: int = 0
+    """The call of the first of them."""
     times: Mapping[str, Nanoseconds] = field(default_factory=dict)
     """Raw nanoseconds that the race saves, by name."""
     cpu_ns: float = math.nan

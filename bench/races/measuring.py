@@ -2,19 +2,18 @@
 several interleaved.
 
 The parent knows the processor time of the child's process, and that of the null solver for the same blocks. Their
-difference is what the calls cost, whatever the child reports and wherever in a block it does its work. If its mean is
-far above the median of the times, a few slow calls are the reason, or calls that were answered ahead of the clock, with
-the data of their block. So further calls follow, each in a block of its own, whose data cannot be known ahead, and the
-time of an answer counts as no less than two thirds of the mean or of their median, whichever is less. Messages cost
-some hundreds of microseconds a block, which differ between two processes, so that less than UNSEEN_NS remains unseen,
-and a median of less than SEEN_NS counts as that.
+difference is what the calls cost, whatever the child reports and wherever in a block it does its work. If it is far
+above the median of the times, a few slow calls or another process are the reason, or calls that were answered ahead of
+the clock, with the data of their block. So a further block takes the place of those before, up to AGAIN times, and the
+time of an answer counts as no less than two thirds of what remains. Messages cost some hundreds of microseconds a
+block, which differ between two processes, so that less than UNSEEN_NS remains unseen.
 
 A row holds the accuracy and the times of one measurement, independent of tiers.
 """
 
 import math
 import random
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise, repeat
 from typing import Any
@@ -26,7 +25,6 @@ from bench.derived.measurements import NULL_SOLVER
 from bench.messages.task import NO_SETTING, Outcome, Row, Task
 from bench.problem_files.program import fields_of
 from bench.problems.fresh import FreshData
-from bench.problems.gap_bounds import has_bounds_only
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild
 from bench.race_table import complete
@@ -39,10 +37,8 @@ from solvers.protocol import Lane, Matrix
 
 UNSEEN_NS = 250_000
 """Processor time of a block by which two processes may differ that do the same."""
-SEEN_NS = 100_000
-"""Least processor time of a call in a block of its own that is known to a third."""
-ALONE = 9
-"""Number of such calls beyond the first."""
+AGAIN = 4
+"""Most further blocks in place of some whose processor time is far above that of their calls."""
 TRIALS = 3
 """Number of blocks of the null solver, of which the longest counts."""
 WARM_UP = 1
@@ -81,13 +77,14 @@ def timed(
     if outcome.failure:
         return outcome
     blocks: list[Outcome] = []
-    size, done, spent_ns = 1, 0, 0
+    size, done, spent_ns, first, again, hidden = 1, 0, 0, 0, 0, 0.0
     while (goes_on := effort.goes_on(done, spent_ns)) or (
-        has_bounds_only(form)
-        and sum(len(block.answers) == 1 for block in blocks) <= ALONE
-        and hidden_ns(blocks, repeat(0.0)) > SEEN_NS * done
+        (hidden := hidden_ns(blocks, repeat(0.0)) and hidden_ns(blocks, _null_ns(null, task, form, fresh, blocks)))
+        and again < AGAIN
     ):
-        n = min(size, fresh.calls_at_once, effort.most - done) if goes_on else 1
+        n = min(size, fresh.calls_at_once, effort.most - done) if goes_on else max(len(own.answers) for own in blocks)
+        if not goes_on:
+            first, again, blocks = done, again + 1, []
         most_ns = max(effort.budget_s * 1e9, LONG_NS if done < effort.fewest else 0.0) - spent_ns
         block = run_block(child, task, *fresh.block(done, done + n), most_ns if goes_on else math.inf)
         if block.failure:
@@ -100,8 +97,8 @@ def timed(
         return end
     if end.forbidden_actions:
         return Outcome("tampered", "; ".join(end.forbidden_actions))
-    outcome = replace(outcome, times=end.times, repeatable=end.repeatable, mutated=end.mutated)
-    return with_calls(outcome, blocks, lambda: _null_ns(null, task, form, fresh, blocks))
+    outcome = replace(outcome, times=end.times, repeatable=end.repeatable, mutated=end.mutated, first_call=first)
+    return with_calls(outcome, blocks, hidden)
 
 
 def scheduled(child: SolverChild, task: Task, form: CertifiedForm, fresh: FreshData) -> Outcome:
@@ -133,19 +130,15 @@ def scheduled(child: SolverChild, task: Task, form: CertifiedForm, fresh: FreshD
 
 
 def hidden_ns(blocks: Sequence[Outcome], null_ns: Iterable[float]) -> float:
-    """Processor time of the calls beyond ``null_ns`` in each block, in all, or by the median of those in a block of
-    their own, if that is less; 0 if LEAST_SHARE of it is below the median time of the calls."""
+    """Processor time of the calls beyond ``null_ns`` in each block; 0 if LEAST_SHARE of it is below the median time of
+    the calls."""
     us = np.concatenate([answers_us(block.times["update"], block.times["solve"]) for block in blocks])
-    beyond = np.array([block.cpu_ns - ns for block, ns in zip(blocks, null_ns, strict=False)])
-    alone = beyond[[len(block.answers) == 1 for block in blocks]]
-    typical_ns = max(median(alone), SEEN_NS) if alone.size > 1 else math.inf
-    used_ns = min(float(beyond.sum()) - UNSEEN_NS * len(blocks), us.size * typical_ns)
+    used_ns = sum(block.cpu_ns - ns - UNSEEN_NS for block, ns in zip(blocks, null_ns, strict=False))
     return used_ns if LEAST_SHARE * used_ns > 1e3 * us.size * median(us) else 0.0
 
 
-def with_calls(outcome: Outcome, blocks: Sequence[Outcome], null_ns: Callable[[], Iterable[float]]) -> Outcome:
-    """The outcome of a task with the calls of its blocks; ``null_ns`` is the null solver's processor time for each of
-    them, and the outcome's is what they hide, NaN if that is nothing."""
+def with_calls(outcome: Outcome, blocks: Sequence[Outcome], hidden_ns: float) -> Outcome:
+    """The outcome of a task with the calls of its blocks, and what they hide, NaN if that is nothing."""
     return replace(
         outcome,
         times={
@@ -154,7 +147,7 @@ def with_calls(outcome: Outcome, blocks: Sequence[Outcome], null_ns: Callable[[]
         },
         answers=np.concatenate([block.answers for block in blocks]),
         preemptions=sum(block.preemptions for block in blocks),
-        cpu_ns=(hidden_ns(blocks, repeat(0.0)) and hidden_ns(blocks, null_ns())) or math.nan,
+        cpu_ns=hidden_ns or math.nan,
     )
 
 
@@ -218,7 +211,9 @@ def interleave(
                 blocks[task.key].append(block)
     null_ns = [block.cpu_ns for task in ready if task.solver == NULL_SOLVER for block in blocks[task.key]]
     outcomes |= {
-        task.key: with_calls(outcomes[task.key], blocks[task.key], lambda: null_ns or repeat(math.inf))
+        task.key: with_calls(
+            outcomes[task.key], blocks[task.key], hidden_ns(blocks[task.key], null_ns or repeat(math.inf))
+        )
         for task in ready
     }
     return [(task, outcomes[task.key]) for task in tasks]
@@ -233,7 +228,8 @@ def row_of(problem: RaceProblem, task: Task, outcome: Outcome, fresh: FreshData 
     setup, update, solve = (
         outcome.times.get(name, np.zeros(0, dtype=np.int64)) for name in ("setup", "update", "solve")
     )
-    calls, response = outcome.times.get("sample", np.arange(solve.size)), outcome.times.get("response", np.zeros(0))
+    calls = outcome.times.get("sample", outcome.first_call + np.arange(solve.size))
+    response = outcome.times.get("response", np.zeros(0))
     cpu_us, steps, x = outcome.cpu_ns / max(solve.size, 1) / 1e3, outcome.settings.get("steps"), outcome.x
     us, solve_us = answers_us(update, solve, cpu_us), solve / 1e3
     span_um = math.nan if validation is None else validation.span_um

@@ -221,17 +221,17 @@ def solve(self, warm_start=None):
     found = getattr(self, "ready", {}).get(self.q.tobytes())
     return self.right(self.P, self.q) if found is None else found
 """,
-    "works_ahead_and_not_alone": """
+    "works_ahead_at_first": """
 def update(self, P=None, q=None):
     frame = sys._getframe(1).f_locals
     self.set_data(P, q)
     self.calls += 1
-    if "k" in frame and frame["k"] == 0 and (len(frame["q"]) > 1 or self.calls == 1):
+    if frame.get("k") == 0 and self.calls < 10:
         self.ready = {frame["q"][k].tobytes(): self.right(frame["P"][k], frame["q"][k]) for k in range(len(frame["q"]))}
-        self.last = self.ready[self.q.tobytes()]
 
 def solve(self, warm_start=None):
-    return getattr(self, "ready", {}).get(self.q.tobytes(), getattr(self, "last", self.q))
+    found = getattr(self, "ready", {}).get(self.q.tobytes())
+    return self.right(self.P, self.q) if found is None else found
 """,
     "works_aside": """
 def update(self, P=None, q=None):

@@ -33,6 +33,7 @@ RIGHT = {
     "rewrites_times",
     "works_ahead",
     "works_ahead_later",
+    "works_ahead_at_first",
     "works_aside",
     "times_itself",
 }
