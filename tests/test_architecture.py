@@ -159,8 +159,8 @@ print(json.dumps([name for name in new if "site-packages" in (getattr(sys.module
     assert found <= {"numpy", "lazy_loader", "msgspec", "typing_extensions"}  # the last comes with msgspec
 
 
-def test_every_file_that_contributing_names_exists_with_the_functions_named_beside_it():
-    text = (ROOT / "CONTRIBUTING.md").read_text()
+def test_every_file_that_the_pages_for_contributors_name_exists_with_the_functions_named_beside_it():
+    text = (ROOT / "CONTRIBUTING.md").read_text() + (ROOT / "docs/architecture.md").read_text()
     beside = re.findall(r"`([\w/]+\.(?:py|c|h))`((?:,? `\w+`)+)", text)
     assert len(beside) >= 10
     for file, names in beside:
