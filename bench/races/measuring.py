@@ -4,9 +4,9 @@ several interleaved.
 The parent knows the processor time of the child's process, and that of the null solver for the same blocks. Their
 difference is what the calls cost, whatever the child reports and wherever in a block it does its work. If it is far
 above the median of the times, a few slow calls or another process are the reason, or calls that were answered ahead of
-the clock, with the data of their block. So a further block takes the place of those before, up to AGAIN times, and the
-time of an answer counts as no less than two thirds of what remains. Messages cost some hundreds of microseconds a
-block, which differ between two processes, so that less than UNSEEN_NS remains unseen.
+the clock, with the data of their block. So a further block takes the place of those before, up to MAX_RETRIES times,
+and the time of an answer counts as no less than two thirds of what remains. Messages cost some hundreds of
+microseconds a block, which differ between two processes, so that less than UNSEEN_NS remains unseen.
 
 A row holds the accuracy and the times of one measurement, independent of tiers.
 """
@@ -37,7 +37,7 @@ from solvers.protocol import Lane, Matrix
 
 UNSEEN_NS = 250_000
 """Processor time of a block by which two processes may differ that do the same."""
-AGAIN = 4
+MAX_RETRIES = 4
 """Most further blocks in place of some whose processor time is far above that of their calls."""
 TRIALS = 3
 """Number of blocks of the null solver, of which the longest counts."""
@@ -77,14 +77,14 @@ def timed(
     if outcome.failure:
         return outcome
     blocks: list[Outcome] = []
-    size, done, spent_ns, first, again, hidden = 1, 0, 0, 0, 0, 0.0
+    size, done, spent_ns, first, retries, hidden = 1, 0, 0, 0, 0, 0.0
     while (goes_on := effort.goes_on(done, spent_ns)) or (
         (hidden := hidden_ns(blocks, repeat(0.0)) and hidden_ns(blocks, _null_ns(null, task, form, fresh, blocks)))
-        and again < AGAIN
+        and retries < MAX_RETRIES
     ):
         n = min(size, fresh.calls_at_once, effort.most - done) if goes_on else max(len(own.answers) for own in blocks)
         if not goes_on:
-            first, again, blocks = done, again + 1, []
+            first, retries, blocks = done, retries + 1, []
         most_ns = max(effort.budget_s * 1e9, LONG_NS if done < effort.fewest else 0.0) - spent_ns
         block = run_block(child, task, *fresh.block(done, done + n), most_ns if goes_on else math.inf)
         if block.failure:
