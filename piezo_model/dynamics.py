@@ -130,6 +130,11 @@ class Dynamics:
                     f"{quantity(sample_time, 's', 3)}"
                 )
 
+    def below(self, sample_time: float) -> Dynamics:
+        """The same with the static gain of each mode that is too fast for a sampling period in s."""
+        n = sum(f * sample_time <= HIGHEST for f in self.frequencies_Hz)
+        return replace(self, frequencies_Hz=self.frequencies_Hz[:n], damping=self.damping[:n], gains=self.gains[:n])
+
     def filter(self, v: ArrayLike, sample_time: float, level: float | None = None) -> Matrix:
         """The output of G (N,) for the output v (N,) of the static model, or columns (N, k) of them.
 
@@ -198,10 +203,11 @@ class Dynamics:
     def largest_gain(self, sample_time: float, *, inverted: bool) -> float:
         """Gain of integral action, per second, from which on a loop around the stage is unstable, behind F or without
         it: where the open loop turns by half a circle, it amplifies by 1."""
-        near = np.sinh(np.linspace(-7.0, 7.0, 4001))
+        near, half = np.sinh(np.linspace(-7.0, 7.0, 4001)), 0.5 / sample_time
         around = [f * (1.0 + zeta * near) for f, zeta in zip(self.frequencies_Hz, self.damping, strict=True)]
-        f = np.unique(np.concatenate([np.geomspace(1e-7, 0.5, 20_000) / sample_time, *around]))
-        f = f[(f > 0.0) & (f <= 0.5 / sample_time)]
+        f = np.concatenate([np.geomspace(1e-7, 0.5, 20_000) / sample_time, *around])
+        alias = np.abs((f + half) % (2.0 * half) - half)  # of a mode above half the sampling rate
+        f = np.unique(np.maximum(alias, 1e-9 * half))
         q = np.exp(-2j * np.pi * f * sample_time)
         loop = self.response(f, sample_time) * self._amplifier(f, sample_time) * sample_time * q / (1.0 - q)
         for D, R in self.pole_pairs(sample_time) if inverted else ():

@@ -17,7 +17,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeGuard, get_args
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, cast, get_args
 
 import msgspec
 import numpy as np
@@ -108,7 +108,7 @@ class HysteresisCreepModel(Immutable):
     dynamics : Dynamics, optional
         Resonance, delay and lag behind equation (2); none by default.
     left_out : Dynamics, optional
-        Those of the stage if the model is without them; a loop around the stage meets them all the same.
+        Those of the stage if the model has less of them; a loop around the stage meets them all the same.
     sensor_delay_s : float
         Delay of the sensor that the recording had, and the model is without; a loop that the sensor closes has it.
     fitted : Fitted, optional
@@ -154,8 +154,6 @@ class HysteresisCreepModel(Immutable):
         either = {"dynamics": self.dynamics, "left_out": self.left_out}
         checks.require(lambda d: d is None or isinstance(d, Dynamics), "a Dynamics or None", **either)
         checks.require(lambda t: 0.0 <= t <= LARGEST, f"from 0 to {LARGEST:g} s", sensor_delay_s=self.sensor_delay_s)
-        if all(either.values()):
-            raise ModelError("dynamics are in the model or left out of it, not both")
         if self.dynamics is not None:
             with checks.refusing(ModelError):
                 self.dynamics.require(s.sample_time)
@@ -237,10 +235,10 @@ class HysteresisCreepModel(Immutable):
         >>> model.simulate([0.0, 1.0, 0.0]).tolist()
         [0.0, 0.75, 0.25]
         """
-        if _is_recording(x):
+        if hasattr(x, "counted_y"):  # a Recording, whose class is not imported: it imports the readers of all formats
             from piezo_model.identification.validation import simulated  # which uses this class
 
-            return simulated(self, x, state)
+            return simulated(self, cast("Recording", x), state)
         state = self.initial_state() if state is None else state
         OperatorState.require(state, self.structure)
         drive = checks.vectors(x=x)[0]  # type: ignore[arg-type]
@@ -288,21 +286,19 @@ class HysteresisCreepModel(Immutable):
     @property
     def seen(self) -> HysteresisCreepModel:
         """The model as its sensor sees it, with the delay of that."""
-        seen = late(self.dynamics, self.sensor_delay_s)
-        return replace(self, dynamics=seen, left_out=None, sensor_delay_s=0.0) if self.sensor_delay_s else self
+        return replace(self, dynamics=late(self.dynamics, self.sensor_delay_s), left_out=None, sensor_delay_s=0.0)
 
     def with_dynamics_of(self, other: HysteresisCreepModel) -> HysteresisCreepModel:
         """These weights for the stage of another model: with its dynamics, and those that it is without."""
-        dynamics, left_out = other.dynamics, other.left_out
-        return replace(self, dynamics=dynamics, left_out=left_out, sensor_delay_s=other.sensor_delay_s)
+        return replace(self, dynamics=other.dynamics, left_out=other.left_out, sensor_delay_s=other.sensor_delay_s)
 
     def require_stable(self, integral_gain: float, *, inverts: bool = True) -> float:
         """The gain of integral action in 1/s from which on the loop is unstable beside the dynamics of the stage and
         its sensor, also those that are left out of the model, infinite without any; ModelError if the gain is not
         below it."""
         inverts, dynamics = (
-            inverts and self.dynamics is not None,
-            late(self.dynamics or self.left_out, self.sensor_delay_s),
+            inverts and self.dynamics is not None and self.left_out is None,
+            late(self.left_out or self.dynamics, self.sensor_delay_s),
         )
         if dynamics is None:
             return math.inf
@@ -318,8 +314,9 @@ class HysteresisCreepModel(Immutable):
     def warning(self) -> str:
         """What speaks against a forced model, one without the dynamics of the stage, or one with a delay at another
         sampling period; "" for any other model."""
+        without = "the fastest modes, of which it has the static gain," if self.dynamics else "dynamics"
         left_out = self.left_out and f"the stage has {self.left_out}"
-        reasons = {"was forced": self.report.get("refusal"), "is without dynamics": left_out}
+        reasons = {"was forced": self.report.get("refusal"), f"is without {without}": left_out}
         sentences = [f"The model {how} although {why}." for how, why in reasons.items() if why is not None]
         now, own = self.structure.sample_time, self.report.get("sample_time_s")
         if self.dynamics is not None and isinstance(own, float) and not math.isclose(now, own, rel_tol=1e-6):
@@ -336,12 +333,13 @@ class HysteresisCreepModel(Immutable):
 
         Plays depend on no time, and the rates of creep are in 1/s, so weights and states stay. The report is that of
         the identification, with its sampling period as ``sample_time_s``. The model itself is returned for its own
-        period, and for one that differs by no more than the rounding of a clock, a millionth.
+        period, and for one that differs by no more than the rounding of a clock, a millionth. A mode above 35 % of the
+        sampling rate becomes its static gain, and ``left_out`` and the warning say so.
 
         Raises
         ------
         StructureError, ModelError
-            The sampling period is not positive, or out of range, or too long for the dynamics.
+            The sampling period is not positive, or out of range, or too short for the dynamics.
 
         Examples
         --------
@@ -354,7 +352,14 @@ class HysteresisCreepModel(Immutable):
         own, structure = self.structure.sample_time, replace(self.structure, sample_time=sample_time)
         if math.isclose(sample_time, own, rel_tol=1e-6):
             return self
-        return replace(self, structure=structure, report={"sample_time_s": own, **self.report})
+        dynamics = self.dynamics and self.dynamics.below(sample_time)
+        return replace(
+            self,
+            structure=structure,
+            dynamics=dynamics,
+            left_out=self.left_out if dynamics == self.dynamics else self.dynamics,
+            report={"sample_time_s": own, **self.report},
+        )
 
     def initial_state(self, start: StartChoice | None = None) -> OperatorState:
         """States before a signal: those before the recording of the identification, or of a compensator's stage at
@@ -452,8 +457,3 @@ class HysteresisCreepModel(Immutable):
         file = json_file.read(path, ModelFile, ModelError)
         with checks.refusing(ModelError, f"{path}: is not a valid model: "):
             return cls.from_file(file)
-
-
-def _is_recording(x: object) -> TypeGuard[Recording]:
-    """Whether it is a recording; its class is not imported, since that would import the readers of all formats."""
-    return hasattr(x, "counted_y")

@@ -155,12 +155,7 @@ class Compensating(WithModel):
         (model, deployed), read = open_model(further[0]), recordings.read_reference(recording, **self.opening)
         reference = read.suited(model.structure.output_unit)
         with checks.refusing(ModelError, f"{further[0]} with {recording}: "):
-            try:
-                model = model.at(read.sample_time)
-            except ModelError:
-                if self.dynamics:
-                    raise
-                model = model.static.at(read.sample_time)  # a slow reference hardly excites faster dynamics
+            model = model.at(read.sample_time)
         s = model.structure
         lowest, highest = deployed.x_limits if deployed else s.x_range
         limits = (lowest if self.low is None else self.low, highest if self.high is None else self.high)

@@ -155,20 +155,33 @@ def test_a_model_of_the_version_before_is_read_alone_in_a_deployment_and_in_a_le
     assert compensator.model.dynamics is None
 
 
+def test_at_another_sampling_period_a_mode_too_fast_is_its_static_gain_and_other_dynamics_stay(tmp_path: Path) -> None:
+    model = replace(ringing(), dynamics=Dynamics((4.0, 11.0), (0.02, 0.3), (0.6, 0.3), 3e-3, 4e-3))
+    slower = model.at(0.05)
+    slower.save(tmp_path / "slower.json")
+    assert "without the fastest modes, of which" in HysteresisCreepModel.load(tmp_path / "slower.json").warning
+    assert (slower.dynamics, slower.left_out) == (Dynamics((4.0,), (0.02,), (0.6,), 3e-3, 4e-3), model.dynamics)
+    ramp = np.linspace(0.0, 90.0, 40_000)
+    np.testing.assert_allclose(slower.simulate(ramp[9::10])[400:], model.simulate(ramp)[9::10][400:], atol=5e-3)
+    assert slower.require_stable(1.0, inverts=False) == model.dynamics.largest_gain(0.05, inverted=False)
+
+
 def test_another_sampling_period_keeps_the_dynamics_and_one_that_does_not_suit_them_is_refused() -> None:
     model = ringing()
     assert model.at(1e-3).dynamics == SLOW
-    late, lagging = (replace(model, dynamics=replace(SLOW, **{name: 1.0})) for name in ("delay_s", "amplifier_lag_s"))
-    for which, sample_time, why in (
-        (model, 0.05, "the resonance at 11 Hz is above 35 % of the sampling rate, 20 Hz"),
-        (model, 8e-6, "the resonance at 11 Hz is below 0.01 % of the sampling rate, 125000 Hz"),
-        (late, 5e-5, "a delay of 1 s is longer than 10000 sampling periods of 50 µs"),
-        (lagging, 5e-5, "an amplifier lag of 1 s is longer than 10000 sampling periods of 50 µs"),
+    for dynamics, sample_time, why in (
+        (SLOW, 8e-6, "the resonance at 11 Hz is below 0.01 % of the sampling rate, 125000 Hz"),
+        (replace(SLOW, delay_s=1.0), 5e-5, "a delay of 1 s is longer than 10000 sampling periods of 50 µs"),
+        (
+            replace(SLOW, amplifier_lag_s=1.0),
+            5e-5,
+            "an amplifier lag of 1 s is longer than 10000 sampling periods of 50 µs",
+        ),
     ):
         with pytest.raises(ModelError, match=why):
-            which.at(sample_time)
+            replace(model, dynamics=dynamics).at(sample_time)
         with pytest.raises(ValueError, match=why):
-            CompensatorBank(replace(model.structure, sample_time=sample_time), 2, dynamics=which.dynamics)
+            CompensatorBank(replace(model.structure, sample_time=sample_time), 2, dynamics=dynamics)
 
 
 def test_at_another_sampling_period_a_model_says_what_its_delay_may_be_wrong_by() -> None:

@@ -41,7 +41,6 @@ def opened(folder: Path, text: str, **options: Any) -> Recording:
 CLEAN = table(T, X, Y)
 SLOW, FALLING = np.argsort(X, kind="stable"), np.arange(N)[::-1]
 TURNED = np.r_[999:-1:-1, N - 1 : 999 : -1]
-HEADED = table(T, X, Y).replace("\n", "\n1,2,3\n", 1)
 TWICE = table(np.repeat(T, 3), np.repeat(X, 3), np.repeat(Y, 3))
 REPAIRED: dict[str, tuple[str, str, slice, int]] = {
     # text, remark, rows that are cut out, number of rows that are not counted
