@@ -137,7 +137,7 @@ def hidden_ns(blocks: Sequence[Outcome], null_ns: Iterable[float]) -> float:
     return used_ns if LEAST_SHARE * used_ns > 1e3 * us.size * median(us) else 0.0
 
 
-def with_calls(outcome: Outcome, blocks: Sequence[Outcome], hidden_ns: float) -> Outcome:
+def with_calls(outcome: Outcome, blocks: Sequence[Outcome], hidden: float) -> Outcome:
     """The outcome of a task with the calls of its blocks, and what they hide, NaN if that is nothing."""
     return replace(
         outcome,
@@ -147,7 +147,7 @@ def with_calls(outcome: Outcome, blocks: Sequence[Outcome], hidden_ns: float) ->
         },
         answers=np.concatenate([block.answers for block in blocks]),
         preemptions=sum(block.preemptions for block in blocks),
-        cpu_ns=hidden_ns or math.nan,
+        cpu_ns=hidden or math.nan,
     )
 
 
