@@ -77,14 +77,14 @@ def timed(
     if outcome.failure:
         return outcome
     blocks: list[Outcome] = []
-    size, done, spent_ns, first, retries, hidden = 1, 0, 0, 0, 0, 0.0
+    size, done, spent_ns, retries, hidden = 1, 0, 0, 0, 0.0
     while (goes_on := effort.goes_on(done, spent_ns)) or (
         (hidden := hidden_ns(blocks, repeat(0.0)) and hidden_ns(blocks, _null_ns(null, task, form, fresh, blocks)))
         and retries < MAX_RETRIES
     ):
         n = min(size, fresh.calls_at_once, effort.most - done) if goes_on else max(len(own.answers) for own in blocks)
         if not goes_on:
-            first, retries, blocks = done, retries + 1, []
+            retries, blocks = retries + 1, []
         most_ns = max(effort.budget_s * 1e9, LONG_NS if done < effort.fewest else 0.0) - spent_ns
         block = run_block(child, task, *fresh.block(done, done + n), most_ns if goes_on else math.inf)
         if block.failure:
@@ -97,7 +97,13 @@ def timed(
         return end
     if end.forbidden_actions:
         return Outcome("tampered", "; ".join(end.forbidden_actions))
-    outcome = replace(outcome, times=end.times, repeatable=end.repeatable, mutated=end.mutated, first_call=first)
+    outcome = replace(
+        outcome,
+        times=end.times,
+        repeatable=end.repeatable,
+        mutated=end.mutated,
+        first_call=done - sum(len(block.answers) for block in blocks),
+    )
     return with_calls(outcome, blocks, hidden)
 
 
