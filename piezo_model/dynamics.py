@@ -200,9 +200,9 @@ class Dynamics:
         delay, q = np.exp(whole * q), np.exp(q)
         return np.asarray(delay * sum(np.polyval(b[::-1], q) / np.polyval(a[::-1], q) for b, a in parts))
 
-    def largest_gain(self, sample_time: float, *, inverted: bool) -> float:
-        """Gain of integral action, per second, from which on a loop around the stage is unstable, behind F or without
-        it: where the open loop turns by half a circle, it amplifies by 1."""
+    def largest_gain(self, sample_time: float, inverted: Dynamics | None) -> float:
+        """Gain of integral action, per second, from which on a loop around the stage is unstable, behind the F of what
+        is inverted, if anything: where the open loop turns by half a circle, it amplifies by 1."""
         near, half = np.sinh(np.linspace(-7.0, 7.0, 4001)), 0.5 / sample_time
         around = [f * (1.0 + zeta * near) for f, zeta in zip(self.frequencies_Hz, self.damping, strict=True)]
         f = np.concatenate([np.geomspace(1e-7, 0.5, 20_000) / sample_time, *around])
@@ -210,7 +210,7 @@ class Dynamics:
         f = np.unique(np.maximum(alias, 1e-9 * half))
         q = np.exp(-2j * np.pi * f * sample_time)
         loop = self.response(f, sample_time) * self._amplifier(f, sample_time) * sample_time * q / (1.0 - q)
-        for D, R in self.pole_pairs(sample_time) if inverted else ():
+        for D, R in inverted.pole_pairs(sample_time) if inverted else ():
             loop *= np.polyval(D[::-1], q) / np.polyval(R[::-1], q)
         turned = np.append(loop.imag[:-1] * loop.imag[1:] <= 0.0, True)  # at half the sampling rate, too
         least = float(np.min(loop.real[turned]))

@@ -296,17 +296,17 @@ class HysteresisCreepModel(Immutable):
         """The gain of integral action in 1/s from which on the loop is unstable beside the dynamics of the stage and
         its sensor, also those that are left out of the model, infinite without any; ModelError if the gain is not
         below it."""
-        inverts, dynamics = (
-            inverts and self.dynamics is not None and self.left_out is None,
+        inverted, dynamics = (
+            self.dynamics if inverts else None,
             late(self.left_out or self.dynamics, self.sensor_delay_s),
         )
         if dynamics is None:
             return math.inf
-        most = dynamics.largest_gain(self.structure.sample_time, inverted=inverts)
+        most = dynamics.largest_gain(self.structure.sample_time, inverted)
         if integral_gain >= most:
             raise ModelError(
                 f"integral_gain must be below {most:.4g} per second, not {integral_gain:g}: beside {dynamics}"
-                f"{', which are not inverted' * (not inverts)}, the loop would be unstable"
+                f"{', which are not inverted' * (inverted is None)}, the loop would be unstable"
             )
         return most
 

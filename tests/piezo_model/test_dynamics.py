@@ -163,7 +163,9 @@ def test_at_another_sampling_period_a_mode_too_fast_is_its_static_gain_and_other
     assert (slower.dynamics, slower.left_out) == (Dynamics((4.0,), (0.02,), (0.6,), 3e-3, 4e-3), model.dynamics)
     ramp = np.linspace(0.0, 90.0, 40_000)
     np.testing.assert_allclose(slower.simulate(ramp[9::10])[400:], model.simulate(ramp)[9::10][400:], atol=5e-3)
-    assert slower.require_stable(1.0, inverts=False) == model.dynamics.largest_gain(0.05, inverted=False)
+    assert [slower.require_stable(0.1, inverts=inverts) for inverts in (True, False)] == [
+        model.dynamics.largest_gain(0.05, inverted) for inverted in (slower.dynamics, None)
+    ]
 
 
 def test_another_sampling_period_keeps_the_dynamics_and_one_that_does_not_suit_them_is_refused() -> None:
