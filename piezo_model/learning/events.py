@@ -5,39 +5,16 @@ from dataclasses import dataclass
 from enum import IntEnum, IntFlag, StrEnum
 from typing import Literal
 
-
-class Phase(StrEnum):
-    """Phases in the core's order; continuous operation has ``reset`` and ``learn`` only."""
-
-    RESET = "reset"
-    BUILD = "build"
-    LEARN = "learn"
-
-
-class BlockEvent(IntFlag):
-    """Events of a block, as in ``core/learner.h``."""
-
-    TAKE_OVER = 1
-    SENSOR_FAULT = 2
-    PROGRAM = 4
-    UNEXCITED = 8
-    NOT_A_NUMBER = 16
-    WORSE = 32
-    CYCLE_OVER = 64
-    FIRST = 128
-    CHECK_RANGE = 256
-    OTHER_SENSOR = 512
-    NO_OPTIMUM = 1024
-    REVERSED = 2048
-
-
-class Verdict(IntEnum):
-    """Verdicts of the sensor guard (``core/sensor_guard.h``) on a sample."""
-
-    GOOD = 0
-    MISSING = 1
-    REFUSED = 2
-    JUMPED = 3
+Phase = StrEnum("Phase", "RESET BUILD LEARN")
+"""Phases in the core's order; continuous operation has ``reset`` and ``learn`` only."""
+BlockEvent = IntFlag(
+    "BlockEvent",
+    "TAKE_OVER SENSOR_FAULT PROGRAM UNEXCITED NOT_A_NUMBER WORSE CYCLE_OVER FIRST CHECK_RANGE OTHER_SENSOR NO_OPTIMUM "
+    "REVERSED",
+)
+"""Events of a block, as in ``core/learner.h``."""
+Verdict = IntEnum("Verdict", "GOOD MISSING REFUSED JUMPED", start=0)
+"""Verdicts of the sensor guard (``core/sensor_guard.h``) on a sample."""
 
 
 @dataclass(frozen=True)

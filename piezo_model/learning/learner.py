@@ -33,13 +33,21 @@ REVERSED = (
     "descending order"
 )
 MESSAGES = {
+    BlockEvent.SENSOR_FAULT: ("sensor", "the output jumped, froze or left its range; learning waits"),
     BlockEvent.FIRST: ("hand-over", "the first new weights since learning began; further ones are counted only"),
     BlockEvent.OTHER_SENSOR: ("sensor", "the output is not what it was before the fault; learning begins anew"),
     BlockEvent.NO_OPTIMUM: ("refused", "the data have no optimum; learning begins anew"),
     BlockEvent.REVERSED: ("refused", REVERSED),
+    BlockEvent.UNEXCITED: (
+        "refused",
+        "the drive went through {percent:.1f} % of its range only, and 2 % are needed",
+    ),
+    BlockEvent.NOT_A_NUMBER: ("refused", "the solver {solver} found no finite weights"),
+    BlockEvent.WORSE: ("refused", "the new weights explain the data worse than the old ones"),
+    BlockEvent.CYCLE_OVER: ("hand-over", "new weights"),
 }
-"""Log entries of events that are logged once; further hand-overs and refusals of continuous operation, and further
-refusals of a reversed output, are only counted."""
+"""Log entries of events. Further hand-overs and refusals of continuous operation, and further refusals of a reversed
+output, are only counted."""
 
 
 class Learner(Stateful):
@@ -95,32 +103,23 @@ class Learner(Stateful):
                     self._follow(BlockEvent(int(events[0])))
 
     def _follow(self, events: BlockEvent) -> None:
-        """Log the events of a block, and handle those that need Python."""
+        """Handle the events of a block that need Python, and log them."""
         if BlockEvent.SENSOR_FAULT in events:
             self._driven.interrupt()
-            self._note("sensor", "the output jumped, froze or left its range; learning waits")
         if BlockEvent.PROGRAM in events:
             self._solve()
+        refused, judged = BlockEvent.NOT_A_NUMBER | BlockEvent.WORSE, BlockEvent.WORSE | BlockEvent.CYCLE_OVER
         for event, (what, message) in MESSAGES.items():
-            if event in events:
-                self._note(what, message)
-        if self._cyclic:
-            self._follow_cycle(events)
+            if event in events and not (event is BlockEvent.CYCLE_OVER and events & refused):
+                low, high = self._core["covered"][:2] if self._cyclic else (0.0, 0.0)
+                errors = ("error_in_use", "error_found") if event & judged else ()
+                self._note(
+                    what,
+                    message.format(percent=50.0 * (high - low), solver=self.settings.solver),
+                    *(float(self._clock[name]) for name in errors),
+                )
         if events & (BlockEvent.CHECK_RANGE | BlockEvent.CYCLE_OVER):
             self._adapt_range()
-
-    def _follow_cycle(self, events: BlockEvent) -> None:
-        errors = float(self._clock["error_in_use"]), float(self._clock["error_found"])
-        low, high = self._core["covered"][:2]
-        span = f"the drive went through {50 * (high - low):.1f} % of its range only, and 2 % are needed"
-        notes: dict[BlockEvent, tuple[Any, ...]] = {
-            BlockEvent.UNEXCITED: ("refused", span),
-            BlockEvent.NOT_A_NUMBER: ("refused", f"the solver {self.settings.solver} found no finite weights"),
-            BlockEvent.WORSE: ("refused", "the new weights explain the data worse than the old ones", *errors),
-            BlockEvent.CYCLE_OVER: ("hand-over", "new weights", *errors),
-        }
-        if note := next((note for event, note in notes.items() if event in events), None):
-            self._note(*note)
 
     def _note(self, what: Any, message: str, old: float = math.nan, new: float = math.nan) -> None:
         sample, since = int(self._core.as_int64("samples")[0]), int(self._clock["learning_since"])
