@@ -6,30 +6,27 @@ of `Compensator`; learning is that of the continuous mode of `SelfLearningCompen
 structure.
 """
 
-import json
 import math
 import zipfile
-import zlib
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Annotated, Any, NotRequired, Self, TypedDict
+from typing import Any, Self, TypedDict
 
 import numpy as np
-from msgspec import Meta
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from piezo_model import checks
-from piezo_model.atomic_file import replacing
 from piezo_model.compensator import blend_factor, drive_memory, drive_settings
 from piezo_model.core import State, Stateful, bindings
+from piezo_model.deployment import LearnerFile, read_learner, write_learner
 from piezo_model.dynamics import Dynamics
-from piezo_model.json_file import LARGEST, Number, Versioned, convert, decoded, packed
+from piezo_model.json_file import LARGEST, convert
 from piezo_model.learning.layout import MEMORY, learner_numbers, write_settings
 from piezo_model.learning.settings import LearningSettings
 from piezo_model.model import HysteresisCreepModel, ModelError
-from piezo_model.operator_state import OperatorState, drive_start
+from piezo_model.operator_state import drive_start
 from piezo_model.prefilter import Prefilter
 from piezo_model.regressors import write_slope_regressors
 from piezo_model.structure import ModelStructure
@@ -47,7 +44,8 @@ LANE_BY_LANE = (
     *("noise_gains", "memory", "in_use", "candidate", "gram"),
 )
 """Parts of these with a number for each of the tile's actuators."""
-MOST_TILES = 2**24
+OPTIONS = ("forgetting_time_s", "hand_over_s", "reset_s", "blend_time_s", "integral_gain", "rate_limit")
+"""Settings of learning that a bank has."""
 
 
 class BankState(TypedDict):
@@ -55,30 +53,20 @@ class BankState(TypedDict):
 
     core: np.ndarray
     slots: np.ndarray
-    dynamics: NotRequired[np.ndarray]
+    dynamics: list[Dynamics | None]
 
 
-class Options(TypedDict):
-    """Settings of a bank."""
+class BankSettings(TypedDict):
+    """Settings of a bank in a file."""
 
-    forgetting_time_s: float
-    hand_over_s: float
-    reset_s: float
-    blend_time_s: float
-    integral_gain: float
-    rate_limit: Number | None
-
-
-class BankFile(Versioned):
-    """The content of a file besides the arrays."""
-
-    FORMAT = "piezobench-bank"
-    VERSION = 6
-    UPGRADE_HINT = "load it with the program that wrote it, and take its models over"
     structure: ModelStructure
-    tiles: Annotated[int, Meta(ge=1, le=MOST_TILES)]
-    options: Options
-    dynamics: Dynamics | None = None
+    dynamics: Dynamics | None
+    learning: LearningSettings
+
+
+def lanes(slots: Index, numbers: int | slice = slice(None)) -> tuple[Any, ...]:
+    """Index of lanes, numbered over all tiles, in a view of :meth:`CompensatorBank._view`."""
+    return slots // LANES, numbers, slots % LANES
 
 
 class CompensatorBank(Stateful):
@@ -131,76 +119,65 @@ class CompensatorBank(Stateful):
         threads: int = 1,
     ) -> None:
         checks.instance(ModelStructure, structure=structure)
-        checks.require(lambda d: d is None or isinstance(d, Dynamics), "a Dynamics or None", dynamics=dynamics)
         checks.whole(1, count=count, threads=threads)
-        if dynamics is not None:
-            dynamics.require(structure.sample_time)
-        self.options: Options = packed(  # without types of NumPy, some of which compute in single precision
-            {
-                "forgetting_time_s": forgetting_time_s,
-                "hand_over_s": hand_over_s,
-                "reset_s": reset_s,
-                "blend_time_s": blend_time_s,
-                "integral_gain": integral_gain,
-                "rate_limit": rate_limit,
-            }
-        )
+        line = HysteresisCreepModel.from_weights(structure, structure.straight_line)
+        self._line = replace(line, dynamics=dynamics)
+        """The straight line through the ranges, with the dynamics of the bank."""
         self.structure, self.threads, self.dynamics = structure, threads, dynamics
+        self.settings = LearningSettings(
+            mode="continuous",
+            forgetting_time_s=forgetting_time_s,
+            hand_over_s=hand_over_s,
+            reset_s=reset_s,
+            blend_time_s=blend_time_s,
+            integral_gain=integral_gain,
+            rate_limit=rate_limit,
+        )
         prefilter = Prefilter(dynamics, structure.sample_time)
         self._modes, self._ring = prefilter.modes, 2 * prefilter.ring
         self._shape = *structure.shape, self._modes, self._ring
-        self._dynamics = np.empty((0, 0 if dynamics is None else 3 * self._modes + 2))
-        self.block, self._numbers = learner_numbers(structure, LearningSettings(mode="continuous", **self.options))
+        self._dynamics: NDArray[np.object_] = np.empty(0, np.object_)
+        self.block, self._numbers = learner_numbers(structure, self.settings)
         """Samples of a block."""
         self.interval = int(self._numbers["interval"])
         """Samples from one optimum of an actuator to the next."""
         self._pool: ThreadPoolExecutor | None = None
         self._tiles = 0
         self._place(np.empty(0, np.int64))
-        self._allocate(-(-count // LANES))
         self.add(count, x_limits, learn, x_start)
 
     def _allocate(self, tiles: int) -> None:
         """Allocate tiles and keep the existing ones."""
-        s, shape, tiles_before = self.structure, self._shape, self._tiles
-        before = [self._table(part) for part in TABLES if tiles_before]
-        self._tiles = tiles
+        s, settings, before = self.structure, self.settings, self._tiles
+        kept = [self._view(part) for part in TABLES if before]
         core = State(
-            bindings.bank_bytes(*shape, tiles, self.block),
-            lambda block: bindings.bank_setup(block, *shape, tiles, self.block),
+            bindings.bank_bytes(*self._shape, tiles, self.block),
+            lambda block: bindings.bank_setup(block, *self._shape, tiles, self.block),
         )
-        self._core = core
-        options = self.options
-        core["drive_settings"][:] = drive_settings(
-            s, options["rate_limit"], blend_factor(s, options["blend_time_s"]), options["integral_gain"]
-        )
+        blend = blend_factor(s, settings.blend_time_s)
+        core["drive_settings"][:] = drive_settings(s, settings.rate_limit, blend, settings.integral_gain)
         write_settings(self._numbers, core["settings"])
         write_slope_regressors(core, s)
-        for part, old in zip(TABLES, before, strict=False):
-            self._table(part)[:tiles_before] = old
+        self._core, self._tiles = core, tiles
+        for part, old in zip(TABLES, kept, strict=False):
+            self._view(part)[:before] = old
         checkpoints = int(self._numbers["checkpoint"]) // self.interval
-        for tile in range(tiles_before, tiles):
+        for tile in range(before, tiles):
             late = math.floor(tile * GOLDEN % 1.0 * self.interval) + tile % checkpoints * self.interval
             bindings.bank_prepare(core.block, tile, late)
         # lanes without an actuator have an inverse, too
         for name, line in (("w_H", 0), ("w_S", s.middle), ("candidate", s.slices[1])):
-            self._view(name)[tiles_before:, line] = 1.0
-        workspace = bindings.bank_workspace_bytes(*shape, self.block)
+            self._view(name)[before:, line] = 1.0
+        workspace = bindings.bank_workspace_bytes(*self._shape, self.block)
         self._workspaces = [State(workspace, lambda block: {}) for _ in range(self.threads)]
 
-    def _table(self, part: str) -> Matrix:
-        """View (tiles, numbers) of one of `TABLES`."""
-        first, numbers = self._core.offsets[part]
-        table = self._core.block[first : first + 8 * numbers * self._tiles].view(np.float64)
-        return table.reshape(self._tiles, numbers)
-
     def _view(self, name: str) -> Matrix:
-        """View (tiles, numbers, LANES) of one of `LANE_BY_LANE`."""
-        offsets = self._core.offsets
-        at, length = offsets[name]
-        table = [part for part in TABLES if offsets[part][0] <= at][-1]
-        begin = (at - offsets[table][0]) // 8
-        return self._table(table)[:, begin : begin + length].reshape(self._tiles, length // LANES, LANES)
+        """View (tiles, numbers, LANES) of one of `TABLES` or `LANE_BY_LANE`."""
+        first, numbers = self._core.offsets[name]
+        tables = [self._core.offsets[table] for table in TABLES]
+        stride = [length for begin, length in tables if begin <= first][-1]
+        shape, strides = (self._tiles, numbers // LANES, LANES), (8 * stride, 8 * LANES, 8)
+        return np.ndarray(shape, np.float64, self._core.block, first, strides)
 
     def _place(self, slots: Index) -> None:
         """Set the lane of each actuator, numbered over all tiles."""
@@ -209,12 +186,6 @@ class CompensatorBank(Stateful):
 
     def __len__(self) -> int:
         return self._slots.size
-
-    def _get(self, name: str, slots: Index) -> Matrix:
-        return self._view(name)[slots // LANES, :, slots % LANES]
-
-    def _set(self, name: str, slots: Index, values: ArrayLike) -> None:
-        self._view(name)[slots // LANES, :, slots % LANES] = values
 
     def add(
         self,
@@ -236,39 +207,54 @@ class CompensatorBank(Stateful):
         if not np.all(fits):
             raise ValueError(f"x_limits[{int(np.argmin(fits))}] must be two numbers in ascending order, both finite")
         checks.flags(count, learn=learn)
+        unit = s.unit_input(drive_start(low, high, x_start))[:, None]
+        settled = unit + np.clip(-unit, -1.0, 1.0) * s.thresholds  # as of OperatorState.settled_at
+        total = len(self) + count
+        if total > self._tiles * LANES:
+            self._allocate(-(-total // LANES))
         learning = np.concatenate([self.learning, np.broadcast_to(learn, (count,))])
-        starts, which = np.unique(drive_start(low, high, x_start), return_inverse=True)
-        settled = [OperatorState.settled_at(s, x).to_dict(s) for x in starts]
-        taken = self._slots
-        if taken.size + count > self._tiles * LANES:
-            self._allocate(-(-(taken.size + count) // LANES))
-        new = np.setdiff1d(np.arange(self._tiles * LANES), taken)[:count]
-        self._place(np.concatenate([taken, new]))
-        self._dynamics = np.pad(self._dynamics, ((0, count), (0, 0)))
-        for name in LANE_BY_LANE:
-            self._set(name, new, 0.0)
-        self._set("drive_memory", new, drive_memory(s, low, high).T)
-        self._set("play", new, np.array([state["play"] for state in settled])[which])
-        self._set("creep", new, np.array([np.ravel(state["creep"]) for state in settled])[which])
-        self._set_model(np.arange(taken.size, taken.size + count), self._line(self.dynamics))
+        new = np.setdiff1d(np.arange(self._tiles * LANES), self._slots)[:count]
+        self._place(np.concatenate([self._slots, new]))
+        self._dynamics = np.append(self._dynamics, [None] * count)
+        starts: dict[str, ArrayLike] = {
+            **dict.fromkeys(LANE_BY_LANE, 0.0),
+            "drive_memory": drive_memory(s, low, high).T,
+            "play": settled,
+            "creep": np.tile(settled, len(s.creep_rates)),
+        }
+        for name, values in starts.items():
+            self._view(name)[lanes(new)] = values
+        self.set_model(np.arange(total - count, total), self._line)
         self.learning = learning
 
     def remove(self, which: ArrayLike) -> None:
         """Remove actuators by their numbers; the later ones move up and are otherwise unchanged."""
         which = self._numbered(which)
-        gone = self._slots[which]
-        self._view("memory")[gone // LANES, 0, gone % LANES] = 0.0
+        self._view("memory")[lanes(self._slots[which], 0)] = 0.0
         self._place(np.delete(self._slots, which))
-        self._dynamics = np.delete(self._dynamics, which, axis=0)
+        self._dynamics = np.delete(self._dynamics, which)
 
-    def set_model(self, actuator: int, model: HysteresisCreepModel) -> None:
-        """Set the model of an actuator, of the bank's structure; it learns from there, and its drive jumps."""
+    def set_model(self, actuator: ArrayLike, model: HysteresisCreepModel) -> None:
+        """Set the model of actuators, of the bank's structure; they learn from there, and their drives jump."""
         checks.instance(HysteresisCreepModel, model=model)
         if model.structure != self.structure:
             raise ValueError("the model has another structure than the bank")
-        if (model.dynamics is None) != (self.dynamics is None):
-            raise ValueError("the model has dynamics and the bank has none, or the other way round")
-        self._set_model(self._numbered(actuator), model)
+        which, prefilter = self._numbered(actuator), self._prefilter(model)
+        self._dynamics[which], slots = model.dynamics, self._slots[which]
+        numbers: dict[str, ArrayLike] = {
+            "prefilter": prefilter.with_states(np.zeros(self._view("prefilter").shape[1])),
+            "noise_gains": prefilter.noise_gains,
+            "w_H": model.w_H,
+            "w_S": model.w_S_inverse,
+            "w_K": model.w_K,
+            "offset": model.offset,
+            "in_use": self.structure.inverse_slope_map @ model.weights,
+        }
+        for name, values in numbers.items():
+            self._view(name)[lanes(slots)] = values
+        for tile in np.unique(slots // LANES).tolist():
+            begins = np.isin(np.arange(LANES) + LANES * tile, slots)
+            bindings.bank_begin(self._core.block, tile, begins.astype(np.float64))
 
     def _numbered(self, which: ArrayLike) -> Index:
         """Numbers of actuators, in ascending order; ValueError if one is not in the bank."""
@@ -278,80 +264,48 @@ class CompensatorBank(Stateful):
                 raise ValueError(f"there are actuators 0 to {len(self) - 1}, and not {number}")
         return numbers.astype(np.int64)
 
-    def _line(self, dynamics: Dynamics | None) -> HysteresisCreepModel:
-        """The straight line through the ranges, with dynamics."""
-        line = HysteresisCreepModel.from_weights(self.structure, self.structure.straight_line)
-        return replace(line, dynamics=dynamics)
-
     def _prefilter(self, model: HysteresisCreepModel) -> Prefilter:
         """The prefilter of an actuator's model; ValueError if the loop would be unstable, or the bank has no room."""
-        if self.options["integral_gain"] > 0.0:
-            model.require_stable(self.options["integral_gain"])
-        g = model.dynamics
-        prefilter = Prefilter(g, self.structure.sample_time)
-        if prefilter.modes != self._modes or prefilter.ring > self._ring:
-            raise ValueError(f"the bank has room for {self._modes} modes and the lag of its own; the model has {g}")
+        if self.settings.integral_gain > 0.0:
+            model.require_stable(self.settings.integral_gain)
+        prefilter, has = Prefilter(model.dynamics, self.structure.sample_time), model.dynamics or "none"
+        if (prefilter.modes, prefilter.ring > 0) != (self._modes, self._ring > 0) or prefilter.ring > self._ring:
+            room = f"for {self._modes} modes and the lag of its own" if self._ring else "for no dynamics"
+            raise ValueError(f"the bank has room {room}; the model has {has}")
         return prefilter
-
-    def _set_model(self, which: Index, model: HysteresisCreepModel) -> None:
-        slots, g, prefilter = self._slots[which], model.dynamics, self._prefilter(model)
-        if g is not None:
-            self._dynamics[which] = [*g.frequencies_Hz, *g.damping, *g.gains, g.delay_s, g.amplifier_lag_s]
-            constants = np.zeros(self._view("prefilter").shape[1])
-            constants[: prefilter.constants.size] = prefilter.constants
-            self._set("prefilter", slots, constants)
-            self._set("noise_gains", slots, prefilter.noise_gains)
-        for name, values in (
-            ("w_H", model.w_H),
-            ("w_S", model.w_S_inverse),
-            ("w_K", model.w_K),
-            ("offset", model.offset),
-            ("in_use", self.structure.inverse_slope_map @ model.weights),
-        ):
-            self._set(name, slots, values)
-        for tile in np.unique(slots // LANES):
-            lanes = np.zeros(LANES)
-            lanes[slots[slots // LANES == tile] % LANES] = 1.0
-            bindings.bank_begin(self._core.block, int(tile), lanes)
 
     @property
     def learning(self) -> Mask:
         """Flags (count,) of the actuators that learn, a read-only copy; assign all to switch learning on and off, which
         keeps what is learned."""
-        flags: Mask = self._get("memory", self._slots)[:, 0] > 0.0
+        flags: Mask = self._view("memory")[lanes(self._slots, 0)] > 0.0
         flags.flags.writeable = False
         return flags
 
     @learning.setter
     def learning(self, which: ArrayLike) -> None:
-        slots = self._slots
-        checks.flags(slots.size, learning=which)
-        self._view("memory")[slots // LANES, 0, slots % LANES] = which
+        checks.flags(len(self), learning=which)
+        self._view("memory")[lanes(self._slots, 0)] = which
 
     @property
     def counts(self) -> dict[str, Index]:
         """Numbers of hand-overs, refusals of new weights, sensor faults, and of those refusals because the output falls
         as the input rises, of each actuator."""
-        memory = np.ascontiguousarray(self._get("memory", self._slots)).view(MEMORY)[:, 0]
+        memory = np.ascontiguousarray(self._view("memory")[lanes(self._slots)]).view(MEMORY)[:, 0]
         return {name: memory[name].astype(np.int64) for name in ("hand_overs", "refusals", "faults", "reversed")}
 
     @property
     def weights(self) -> Matrix:
         """The weights in use (count, ·): w_H0 … w_Hn, w'_S, w_K, offset."""
-        return np.concatenate([self._get(name, self._slots) for name in ("w_H", "w_S", "w_K", "offset")], axis=1)
+        return np.hstack([self._view(name)[lanes(self._slots)] for name in ("w_H", "w_S", "w_K", "offset")])
 
     @property
     def models(self) -> list[HysteresisCreepModel]:
         """The models in use."""
-        models = [HysteresisCreepModel.from_all_weights(self.structure, weights) for weights in self.weights]
-        if self.dynamics is None:
-            return models
-        return [replace(model, dynamics=g) for model, g in zip(models, map(self._of, self._dynamics), strict=True)]
-
-    def _of(self, numbers: Vector) -> Dynamics:
-        *modes, delay_s, amplifier_lag_s = numbers.tolist()
-        f, zeta, gains = (tuple(modes[i * self._modes : (i + 1) * self._modes]) for i in range(3))
-        return Dynamics(f, zeta, gains, delay_s, amplifier_lag_s)
+        return [
+            replace(HysteresisCreepModel.from_all_weights(self.structure, weights), dynamics=g)
+            for weights, g in zip(self.weights, self._dynamics, strict=True)
+        ]
 
     def step(self, y_ref: ArrayLike, y_measured_before: ArrayLike) -> Vector:
         """Process one sample of every actuator.
@@ -377,7 +331,9 @@ class CompensatorBank(Stateful):
         y = np.full(y_ref.shape, math.nan) if y_measured_before is None else y_measured_before
         y_ref, y = checks.columns(len(self), y_ref=y_ref, y_measured_before=y)
         if not self._in_order:
-            y_ref, y = self._spread(y_ref), self._spread(y)
+            spread = np.full((2, len(y), self._tiles * LANES), math.nan)
+            spread[:, :, self._slots] = y_ref, y
+            y_ref, y = spread
         x = np.empty_like(y_ref)
 
         def share(i: int) -> None:
@@ -393,72 +349,57 @@ class CompensatorBank(Stateful):
                 other.result()
         return x if self._in_order else x[:, self._slots]
 
-    def _spread(self, values: Matrix) -> Matrix:
-        """Distribute values of the actuators to their lanes."""
-        full = np.full((values.shape[0], self._tiles * LANES), math.nan)
-        full[:, self._slots] = values
-        return full
-
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_pool": None}  # a copy starts threads of its own
 
     def get_state(self) -> dict[str, Any]:
         """A copy of the whole state, without the settings."""
-        return {"core": self._core.block.copy(), "slots": self._slots.copy(), "dynamics": self._dynamics.copy()}
+        dynamics = [g and g.to_dict() for g in self._dynamics]
+        return {"core": self._core.block.copy(), "slots": self._slots.copy(), "dynamics": dynamics}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue, to the last bit, from the :meth:`get_state` of a bank of the same settings and number of tiles."""
-        saved, lanes = convert(state, BankState), self._tiles * LANES
-        slots = saved["slots"]
+        saved, most = convert(state, BankState), self._tiles * LANES
+        slots, dynamics = saved["slots"], saved["dynamics"]
         if not (
             slots.dtype == np.int64
             and slots.ndim == 1
-            and np.all((slots >= 0) & (slots < lanes))
+            and np.all((slots >= 0) & (slots < most))
             and np.unique(slots).size == slots.size
         ):
-            raise ValueError(f"slots must be different whole numbers from 0 to {lanes - 1}")
-        dynamics = saved.get("dynamics", np.empty((slots.size, 0)))  # which files of the version before lack
-        if dynamics.shape != (slots.size, self._dynamics.shape[1]) or dynamics.dtype != np.float64:
-            raise ValueError("dynamics must be numbers of each actuator")
-        distinct, which = np.unique(dynamics, axis=0, return_inverse=True) if dynamics.shape[1] else ((), slots)
-        prefilters = [self._prefilter(self._line(self._of(numbers))) for numbers in distinct]
+            raise ValueError(f"slots must be different whole numbers from 0 to {most - 1}")
+        if len(dynamics) != slots.size:
+            raise ValueError("dynamics must be those of each actuator")
+        prefilters = {g: self._prefilter(replace(self._line, dynamics=g)) for g in dict.fromkeys(dynamics)}
         self._core.restore(saved["core"], bindings.bank_restore)
         self._place(slots.copy())
-        self._dynamics = dynamics.copy()
-        for i, prefilter in enumerate(prefilters):  # the constants of the core follow from the dynamics
-            own = slots[which == i]
-            self._set("prefilter", own, prefilter.with_states(self._get("prefilter", own)))
-            self._set("noise_gains", own, prefilter.noise_gains)
+        self._dynamics = np.array(dynamics, np.object_)
+        constants, gains = self._view("prefilter"), self._view("noise_gains")
+        for g, tile, lane in zip(dynamics, *np.divmod(slots, LANES), strict=True):  # they follow from the dynamics
+            constants[tile, :, lane] = prefilters[g].with_states(constants[tile, :, lane])
+            gains[tile, :, lane] = prefilters[g].noise_gains
 
     def save(self, path: str | Path) -> None:
-        """Write settings and state as NPZ; the file is replaced as a whole."""
-        about = {
-            "format": BankFile.FORMAT,
-            "version": BankFile.VERSION,
-            "structure": self.structure.to_dict(),
-            "tiles": self._tiles,
-            "options": self.options,
-            "dynamics": None if self.dynamics is None else self.dynamics.to_dict(),
-        }
-        with replacing(path) as temporary, temporary.open("wb") as file:
-            np.savez(file, about=np.array(json.dumps(packed(about))), **self.get_state())
+        """Write settings and state as JSON; the file is replaced as a whole."""
+        dynamics, learning = self.dynamics and self.dynamics.to_dict(), asdict(self.settings)
+        settings = {"structure": self.structure.to_dict(), "dynamics": dynamics, "learning": learning}
+        write_learner(path, settings, self.get_state())
 
     @classmethod
     def load(cls, path: str | Path, threads: int = 1) -> Self:
         """Continue, to the last bit, from a file of :meth:`save`; ModelError names what is wrong with it."""
-        try:
-            with Path(path).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-                about, state = (
-                    decoded(str(file["about"]), BankFile),
-                    {name: file[name] for name in file.files if name != "about"},
-                )
-            bank = cls(about.structure, 1, threads=threads, dynamics=about.dynamics, **about.options)
-            if state["core"].size != bindings.bank_bytes(*bank._shape, about.tiles, bank.block):
-                raise ValueError(
-                    f"the field 'tiles' is {about.tiles}, and the state is of another number or of another structure"
-                )
-            bank._allocate(about.tiles)
+        if zipfile.is_zipfile(path):
+            raise ModelError(
+                f"{path}: a bank's file of version 6 or before, and this program reads those of version "
+                f"{LearnerFile.VERSION}; load it with the program that wrote it, and take its models over"
+            )
+        fields, state = read_learner(path)
+        with checks.refusing(ModelError, f"{path}: does not hold a whole bank: "):
+            given = convert(fields, BankSettings)
+            options = {name: getattr(given["learning"], name) for name in OPTIONS}
+            bank = cls(given["structure"], LANES, dynamics=given["dynamics"], threads=threads, **options)
+            heads = bindings.bank_bytes(*bank._shape, 0, bank.block)
+            tiles = (convert(state, BankState)["core"].size - heads) // (bank._core.block.size - heads)
+            bank._allocate(max(1, tiles))
             bank.restore(state)
-        except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-            raise ModelError(f"{path}: does not hold a whole bank: {error}") from None
-        return bank
+            return bank

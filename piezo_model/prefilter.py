@@ -30,7 +30,7 @@ class Prefilter:
 
     def __init__(self, dynamics: Dynamics | None, sample_time: float) -> None:
         self.modes = self.ring = 0
-        self.constants, self.noise_gains = np.zeros(0), np.zeros(0)
+        self.constants, self.noise_gains = np.zeros(0), np.zeros(2)
         if dynamics is None:
             return
         self.modes = len(dynamics.frequencies_Hz)

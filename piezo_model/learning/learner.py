@@ -73,8 +73,7 @@ class Learner(Stateful):
 
     def _follow_dynamics(self) -> None:
         """Take over the noise behind the compensator's prefilter."""
-        gains = self.compensator.prefilter.noise_gains
-        self._core["noise_gains"][: gains.size] = gains
+        self._core["noise_gains"][:] = self.compensator.prefilter.noise_gains
 
     def _begin(self, state: OperatorState, resets: bool) -> None:
         """Begin to learn from the compensator's model and these states of the operators."""

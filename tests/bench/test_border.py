@@ -35,7 +35,14 @@ from bench.problems.protocol import RaceProblem
 from bench.race_table import ROWS
 from bench.races.runs import open_run
 from bench.store import Run, RunError
-from piezo_model import HysteresisCreepModel, ModelError, ModelStructure, SelfLearningCompensator
+from piezo_model import (
+    CompensatorBank,
+    Dynamics,
+    HysteresisCreepModel,
+    ModelError,
+    ModelStructure,
+    SelfLearningCompensator,
+)
 from piezo_model.deployment import Deployment, _checksum
 from solvers import Lane
 
@@ -66,6 +73,11 @@ def learner_file(path: Path) -> None:
     learner.save(path)
 
 
+def use_bank(path: Path) -> None:
+    bank = CompensatorBank.load(path)
+    assert np.isfinite(bank.run(np.full((20, len(bank)), 2.0), np.full((20, len(bank)), 1.0))).all()
+
+
 def use_learner(path: Path) -> None:
     learner = SelfLearningCompensator.load(path)
     assert np.isfinite([learner.step(2.0, 1.0) for _ in range(20)]).all()
@@ -83,6 +95,7 @@ def use_model(path: Path) -> None:
         (compensator_file, Deployment.load),
         (compensator_file, SelfLearningCompensator.load),
         (learner_file, use_learner),
+        (CompensatorBank(STRUCTURE, 2, dynamics=Dynamics((50.0,), (0.1,), (1.0,), 1e-3)).save, use_bank),
     ],
 )
 def test_a_damaged_file_of_ours_is_refused_in_a_sentence_that_names_it(

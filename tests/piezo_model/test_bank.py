@@ -1,6 +1,5 @@
 """A bank of compensators, compared with single compensators, single programs and plain NumPy."""
 
-import json
 import os
 import subprocess
 import sys
@@ -22,6 +21,7 @@ from piezo_model import (
     ModelError,
     ModelStructure,
 )
+from piezo_model.deployment import read_learner, write_learner
 from solvers.core import bindings
 from solvers.core.compile_core import instruction_sets
 
@@ -189,21 +189,23 @@ def test_blocks_of_samples_and_threads_change_no_bit(threads: int) -> None:
 
 
 def test_a_truncated_bank_file_is_refused(tmp_path: Path) -> None:
-    CompensatorBank(STRUCTURE, 13).save(tmp_path / "bank.npz")
-    (tmp_path / "bad.npz").write_bytes((tmp_path / "bank.npz").read_bytes()[:5000])
-    with pytest.raises(ModelError, match="does not hold a whole bank"):
-        CompensatorBank.load(tmp_path / "bad.npz")
+    CompensatorBank(STRUCTURE, 13).save(tmp_path / "bank.json")
+    (tmp_path / "bad.json").write_bytes((tmp_path / "bank.json").read_bytes()[:5000])
+    with pytest.raises(ModelError, match=r"bad\.json: is not a whole JSON file"):
+        CompensatorBank.load(tmp_path / "bad.json")
+    np.savez(tmp_path / "old.npz", about=np.array('{"format": "piezobench-bank", "version": 6}'))
+    with pytest.raises(ModelError, match=r"old\.npz: a bank's file of version 6 or before, .* load it with"):
+        CompensatorBank.load(tmp_path / "old.npz")
 
 
-def change(*names: str, to: object) -> Callable[[dict[str, Any]], None]:
-    """A function that sets one setting of a bank's file to a value."""
+def change(part: str, *names: str, to: object) -> Callable[..., None]:
+    """A function that sets one setting of a bank's file, or a part of its state, to a value."""
 
-    def changing(parts: dict[str, Any]) -> None:
-        about = part = json.loads(str(parts["about"]))
+    def changing(**parts: dict[str, Any]) -> None:
+        inner = parts[part]
         for name in names[:-1]:
-            part = part[name]
-        part[names[-1]] = to
-        parts["about"] = np.array(json.dumps(about))
+            inner = inner[name]
+        inner[names[-1]] = to
 
     return changing
 
@@ -213,41 +215,38 @@ def change(*names: str, to: object) -> Callable[[dict[str, Any]], None]:
     [
         *(
             (
-                change("options", name, to=1e300),
+                change("settings", "learning", name, to=1e300),
                 rf"{name} must be a positive number of seconds up to 1e\+09, not 1e\+300",
             )
             for name in ("forgetting_time_s", "hand_over_s", "reset_s", "blend_time_s")
         ),
-        (change("options", "forgetting_time_s", to=0.0), "forgetting_time_s must be a positive number of seconds"),
-        (change("options", "forgetting_time_s", to="x"), "the field 'options.forgetting_time_s' is wrong"),
-        (change("options", "speed", to=1), "there is no field 'options.speed'"),
-        (change("tiles", to=2**24), "the field 'tiles' is 16777216, and the state is of another number"),
-        (change("tiles", to=2**70), "the field 'tiles' is wrong"),
         (
-            change("version", to=99),
-            "version 99 is not 6, the one this program reads; load it with the program",
-        ),
-        (lambda parts: parts.update(slots=np.arange(13) + 4), "slots must be different whole numbers from 0 to 15"),
-        (
-            lambda parts: parts.update(slots=np.zeros(13, np.int64)),
-            "slots must be different whole numbers from 0 to 15",
+            change("settings", "learning", "forgetting_time_s", to=0.0),
+            "forgetting_time_s must be a positive number of seconds",
         ),
         (
-            lambda parts: parts.update(slots=np.linspace(0.0, 12.0, 13)),
-            "slots must be different whole numbers from 0 to 15",
+            change("settings", "learning", "forgetting_time_s", to="x"),
+            "the field 'learning.forgetting_time_s' is wrong",
+        ),
+        (change("settings", "learning", "speed", to=1), "there is no field 'learning.speed'"),
+        (change("state", "core", to=np.zeros(2**20, np.uint8)), "the state of the core is that of another structure"),
+        (change("state", "core", to=np.zeros(3)), "slots must be different whole numbers from 0 to 7"),
+        *(
+            (change("state", "slots", to=slots), "slots must be different whole numbers from 0 to 15")
+            for slots in (np.arange(13) + 4, np.zeros(13, np.int64), np.linspace(0.0, 12.0, 13))
         ),
     ],
 )
 def test_a_bank_file_with_invalid_numbers_is_refused_in_one_sentence(
-    changing: Callable[[dict[str, Any]], None], sentence: str, tmp_path: Path
+    changing: Callable[..., None], sentence: str, tmp_path: Path
 ) -> None:
-    CompensatorBank(STRUCTURE, 13).save(tmp_path / "bank.npz")
-    with np.load(tmp_path / "bank.npz") as file:
-        parts = dict(file)
-    changing(parts)
-    np.savez(tmp_path / "bank.npz", **parts)
-    with pytest.raises(ModelError, match=rf"^[^\n]*bank\.npz: does not hold a whole bank: [^\n]*{sentence}[^\n]*$"):
-        CompensatorBank.load(tmp_path / "bank.npz")
+    path = tmp_path / "bank.json"
+    CompensatorBank(STRUCTURE, 13).save(path)
+    settings, state = read_learner(path)
+    changing(settings=settings, state=state)
+    write_learner(path, settings, state)
+    with pytest.raises(ModelError, match=rf"^[^\n]*bank\.json: does not hold a whole bank: [^\n]*{sentence}[^\n]*$"):
+        CompensatorBank.load(path)
 
 
 def test_actuators_are_added_and_removed_without_any_effect_on_the_others() -> None:

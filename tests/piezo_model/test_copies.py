@@ -216,7 +216,7 @@ def test_numbers_of_numpy_are_saved_and_loaded(
         assert (tmp_path / "again").read_text() == (tmp_path / "file").read_text()
     else:
         np.testing.assert_equal(other.get_state(), one.get_state())
-        assert other.options == one.options
+        assert other.settings == one.settings
 
 
 def test_arrays_and_infinite_numbers_of_a_report_return_as_they_were(tmp_path: Path) -> None:
