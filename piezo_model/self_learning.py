@@ -165,8 +165,7 @@ class SelfLearningCompensator(Learner):
             integral_gain,
             solver_options,
         )
-        if model is None:
-            model = HysteresisCreepModel.from_weights(structure, structure.straight_line)
+        model = HysteresisCreepModel.from_weights(structure, structure.straight_line) if model is None else model
         if model.structure != structure:
             raise ValueError("the model has another structure than the one given")
         if estimate_offset and not structure.offset:
@@ -272,7 +271,9 @@ class SelfLearningCompensator(Learner):
             Drive and measured output.
         """
         (y_ref,) = checks.vectors(y_ref=y_ref)
-        self._observe_last(np.nan)
+        if self._last_x is not None:
+            self.observe([self._last_x], [np.nan])
+            self._last_x = None
         x, y = np.empty(y_ref.size), np.empty(y_ref.size)
         done = 0
         while done < y_ref.size:
@@ -300,26 +301,18 @@ class SelfLearningCompensator(Learner):
             lambda done, events: bindings.learner_observe(self._core.block, self.compensator.block, y, x, done, events),
         )
 
-    def _observe_last(self, y: float) -> None:
-        """Observe the output of the last ``step``, unless that has been done."""
-        if self._last_x is not None:
-            self.observe([self._last_x], [y])
-            self._last_x = None
-
     def replay(self, y_ref: ArrayLike, y_measured_before: ArrayLike) -> Vector:
         """Return the drives (N,) of ``step`` for arrays (N,) of its arguments, to the last bit, in compiled code."""
         y_ref, y = checks.vectors(y_ref=y_ref, y_measured_before=y_measured_before)
         x = np.empty_like(y_ref)
-        if x.size:
-            self._observe_last(float(y[0]))
-            before, after, x_before = y_ref[:-1], y[1:], x[:-1]  # each drive, then its output
-            self._until_done(
-                x.size - 1,
-                lambda done, events: bindings.learner_replay(
-                    self._core.block, self.compensator.block, after, before, x_before, done, events
-                ),
-            )
-            x[-1] = self.step(float(y_ref[-1]), np.nan)
+        self._until_done(
+            x.size,
+            lambda done, events: bindings.learner_replay(
+                self._core.block, self.compensator.block, y, y_ref, x, done, events
+            ),
+            self._last_x is None,
+        )
+        self._last_x = float(x[-1]) if x.size else self._last_x
         return x
 
     def get_state(self) -> dict[str, Any]:
@@ -382,12 +375,8 @@ class SelfLearningCompensator(Learner):
             "model": deployment.model,
             "solver_options": deployment.options,
         }
-        try:
+        with checks.refusing(ModelError, f"{path}: "):
             return cls(deployment.model.structure, **{**chosen, **options})
-        except ValueError as error:
-            if options:  # the fault may be theirs
-                raise
-            raise ModelError(f"{path}: {json_file.brief(error)}") from None
 
     @classmethod
     def _resumed(cls, path: str | Path) -> Self:

@@ -179,10 +179,12 @@ static int64_t observe_all(const Loop *loop, int64_t samples, const double *y, c
 static int64_t replay(const Loop *loop, int64_t samples, const double *y, const double *y_ref, double *x, int64_t k,
                       int64_t *events)
 {
-    *events = 0;
-    for (; k < samples && *events == 0; ++k) {
+    for (int64_t observed = *events; k < samples; ++k, observed = 0) {
+        *events = observed ? 0 : observe(loop, y[k]);
+        if (*events) {
+            break;
+        }
         x[k] = controller_drive(&loop->controller, y_ref[k]);
-        *events = observe(loop, y[k]);
     }
     return k;
 }
@@ -212,8 +214,8 @@ static int64_t replay(const Loop *loop, int64_t samples, const double *y, const 
     F(learner_observe, "state@LEAR, compensator@COM2, y[n], x[n], first#0:n, events[1]q=",                             \
       "learn until there is something to tell; samples done.", LENGTH(n) - WHOLE(4) > 20,                              \
       WHOLE_RESULT = observe_all(LOOP, LENGTH(n), REALS(2), REALS(3), WHOLE(4), WHOLES(5)))                            \
-    F(learner_replay,                                                                                                  \
-      "state@LEAR, compensator@COM2, y[n], y_ref[n], x[n]=, first#0:n, events[1]q=", "drive and learn; the same.",     \
+    F(learner_replay, "state@LEAR, compensator@COM2, y[n], y_ref[n], x[n]=, first#0:n, events[1]q=",                   \
+      "the same, each drive after what is learned; the first only drives if there are events at the start.",           \
       LENGTH(n) - WHOLE(5) > 20,                                                                                       \
       WHOLE_RESULT = replay(LOOP, LENGTH(n), REALS(2), REALS(3), REALS(4), WHOLE(5), WHOLES(6)))
 MAKE_BINDINGS(learner)

@@ -91,10 +91,10 @@ class Learner(Stateful):
         """The core's ``LearnerClock``."""
         return self._core.record("clock", layout.CLOCK)
 
-    def _until_done(self, samples: int, call: Callable[[int, NDArray[np.int64]], int]) -> None:
+    def _until_done(self, samples: int, call: Callable[[int, NDArray[np.int64]], int], observed: bool = False) -> None:
         """Process samples by a function of the core that takes the number of the first one, stops at events, and
-        returns the number of samples done."""
-        done, events = 0, np.zeros(1, dtype=np.int64)
+        returns the number of samples done. A sample that is ``observed``, or had events, is to be driven only."""
+        done, events = 0, np.full(1, observed, dtype=np.int64)
         with self._core.exclusive():
             while done < samples:
                 done = call(done, events)
