@@ -137,7 +137,8 @@ class Solver(ABC):
             if setting_text({**cls.fixed_settings, **rung}) == setting:
                 return dict(here)
         if setting != setting_text(cls.fixed_settings):
-            raise ValueError(f"{cls.__name__} has no setting {setting} in its ladder")
+            ends = " to ".join(setting_text({**cls.fixed_settings, **cls.ladder(1.0)[end]}) for end in (0, -1))
+            raise ValueError(f"{cls.name} has no setting {setting!r}; its ladder goes from {ends}")
         return {}
 
     def __init__(self, **settings: Any) -> None:

@@ -49,11 +49,10 @@ class DrivenRange:
 
     def observe(self, span: Iterable[float], s: ModelStructure) -> ModelStructure | None:
         """Add the span since the last observation; returns a structure of other ranges if they should change."""
-        x_low, x_high, y_low, y_high = (float(value) for value in span)
+        x_low, x_high, y_low, y_high = map(float, span)
         if self.observed % self.per_piece and self.spans:
-            before = self.spans.pop()
-            x_low, x_high = min(x_low, before[0]), max(x_high, before[1])
-            y_low, y_high = min(y_low, before[2]), max(y_high, before[3])
+            pairs = zip((x_low, x_high, y_low, y_high), self.spans.pop(), (min, max, min, max), strict=True)
+            x_low, x_high, y_low, y_high = (wider(now, before) for now, before, wider in pairs)
         self.spans = [*self.spans, (x_low, x_high, y_low, y_high)][-LONGEST:]
         self.observed += 1
         spans, whole = np.array(self.spans), self.observed % self.per_piece == 0

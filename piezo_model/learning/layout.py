@@ -101,38 +101,32 @@ def block_samples(counts: tuple[int, ...]) -> int:
 
 def learner_numbers(s: ModelStructure, settings: LearningSettings) -> tuple[int, dict[str, float]]:
     """Samples of a block, and the :data:`SETTINGS` of a learner."""
-    return (_cyclic_numbers if settings.mode == "cyclic" else _continuous_numbers)(s, settings)
-
-
-def _cyclic_numbers(s: ModelStructure, settings: LearningSettings) -> tuple[int, dict[str, float]]:
-    lasts = {f"{name}_lasts": s.samples(getattr(settings, f"{name}_s")) for name in ("reset", "build", "learn")}
-    stepped = settings.solver == STEPPED
-    return block_samples(tuple(lasts.values())), {
-        "mode": CYCLIC,
-        "solver": STEPS if stepped else ANSWERED,
-        "middle": s.middle,
-        **lasts,
-        "solve_lasts": settings.solve_delay_samples,
-        "forgetting": 1.0,
-        "row_weight": 1.0,
-        "proximal": settings.proximal,
-        "min_slope": MIN_SLOPE,
-        "step_ratio": step_ratio(settings.solver_options) if stepped else 0.5,
-    }
-
-
-def _continuous_numbers(s: ModelStructure, settings: LearningSettings) -> tuple[int, dict[str, float]]:
+    common = {"middle": s.middle, "reset_lasts": s.samples(settings.reset_s)}
+    if settings.mode == "cyclic":
+        lasts = {"build_lasts": s.samples(settings.build_s), "learn_lasts": s.samples(settings.learn_s)}
+        stepped = settings.solver == STEPPED
+        return block_samples((common["reset_lasts"], *lasts.values())), {
+            **common,
+            **lasts,
+            "mode": CYCLIC,
+            "solver": STEPS if stepped else ANSWERED,
+            "solve_lasts": settings.solve_delay_samples,
+            "forgetting": 1.0,
+            "row_weight": 1.0,
+            "proximal": settings.proximal,
+            "min_slope": MIN_SLOPE,
+            "step_ratio": step_ratio(settings.solver_options) if stepped else 0.5,
+        }
     block = block_samples((s.samples(settings.hand_over_s),))
     interval = max(2, s.samples(settings.hand_over_s) // block) * block
     forgetting = math.exp(-s.sample_time / settings.forgetting_time_s)
     return block, {
+        **common,
         "mode": CONTINUOUS,
         "solver": EXACT if settings.solver in EXACT_SOLVERS else ANSWERED,
-        "middle": s.middle,
         "interval": interval,
         "checkpoint": interval * max(1, s.samples(CHECKPOINT_S) // interval),
         "half_window": s.samples(settings.forgetting_time_s),
-        "reset_lasts": s.samples(settings.reset_s),
         "forgetting": forgetting,
         "row_weight": 1.0 - forgetting,
         "proximal": PROXIMAL,
@@ -143,6 +137,4 @@ def _continuous_numbers(s: ModelStructure, settings: LearningSettings) -> tuple[
 
 def write_settings(numbers: Mapping[str, float], settings: np.ndarray) -> None:
     """Write settings by name into the core's ``LearnerSettings``, whose others are 0."""
-    record = settings.view(SETTINGS)
-    for name, value in numbers.items():
-        record[name] = value
+    settings.view(SETTINGS)[0] = tuple(numbers.get(name, 0) for name in SETTINGS.names or ())

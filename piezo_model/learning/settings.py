@@ -23,11 +23,6 @@ MIN_SLOPE = 0.1
 would hardly rise with the reference, so the output would not reach the piece and a wrong slope would persist."""
 
 
-def require_seconds(**times: float) -> None:
-    """Require times above 0 and up to :data:`LONGEST_S`; the ValueError names the setting."""
-    checks.require(lambda t: 0.0 < t <= LONGEST_S, f"a positive number of seconds up to {LONGEST_S:g}", **times)
-
-
 @dataclass(frozen=True)
 class LearningSettings:
     """See :class:`piezo_model.self_learning.SelfLearningCompensator`; a ValueError names the invalid setting."""
@@ -54,9 +49,11 @@ class LearningSettings:
             if isinstance(value, np.generic):
                 object.__setattr__(self, name, value.item())
         checks.one_of(get_args(Mode), mode=self.mode)
-        require_seconds(reset_s=self.reset_s, build_s=self.build_s, learn_s=self.learn_s)
-        require_seconds(
-            forgetting_time_s=self.forgetting_time_s, hand_over_s=self.hand_over_s, blend_time_s=self.blend_time_s
+        names = ("reset_s", "build_s", "learn_s", "forgetting_time_s", "hand_over_s", "blend_time_s")
+        checks.require(
+            lambda t: 0.0 < t <= LONGEST_S,
+            f"a positive number of seconds up to {LONGEST_S:g}",
+            **{name: getattr(self, name) for name in names},
         )
         checks.share(proximal=self.proximal)
         if self.x_limits is not None:
@@ -67,8 +64,8 @@ class LearningSettings:
             f"a whole number from 1 to {MOST_SAMPLES}",
             solve_delay_samples=self.solve_delay_samples,
         )
-        for name in ("estimate_offset", "adapt_range"):
-            checks.flags(0, **{name: getattr(self, name) is not None and getattr(self, name)})
+        chosen = {"estimate_offset": self.estimate_offset, "adapt_range": self.adapt_range}
+        checks.flags(0, **{name: flag is not None and flag for name, flag in chosen.items()})
         options = self.solver_options or {}
         checks.instance(Mapping, solver_options=options)
         try:
