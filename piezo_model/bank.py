@@ -23,8 +23,7 @@ from piezo_model.core import State, Stateful, bindings
 from piezo_model.deployment import LearnerFile, read_learner, write_learner
 from piezo_model.dynamics import Dynamics
 from piezo_model.json_file import LARGEST, convert
-from piezo_model.learning.layout import MEMORY, learner_numbers, write_settings
-from piezo_model.learning.settings import LearningSettings
+from piezo_model.learning.settings import MEMORY, LearningSettings, learner_numbers, write_settings
 from piezo_model.model import HysteresisCreepModel, ModelError
 from piezo_model.operator_state import drive_start
 from piezo_model.prefilter import Prefilter

@@ -4,10 +4,13 @@
 
 In cyclic operation a synchronous Moore machine builds the data basis, learns, and hands over; in continuous operation
 (the paper's outlook) it takes the exact optimum of a forgetting data basis at every interval. The two are settings of
-one learner (`learning.learner`). In both the drive is finite and inside its limits for any input, and learning pauses
-at a sensor fault and resumes by itself.
+one learner. The core handles samples and blocks (``core/controller.h``, ``core/learner.h``); Python handles its events:
+it writes the log, calls solvers outside the core, and adapts the ranges. In both the drive is finite and inside its
+limits for any input, and learning pauses at a sensor fault and resumes by itself.
 """
 
+import math
+from collections import deque
 from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import asdict, replace
@@ -15,21 +18,38 @@ from pathlib import Path
 from typing import Any, Self, TypedDict
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+import solvers
 from piezo_model import checks, json_file
 from piezo_model.compensator import Compensator, CompensatorState
-from piezo_model.core import bindings
+from piezo_model.core import State, Stateful, bindings
 from piezo_model.deployment import Deployment, LearnerFile, read_learner, write_learner
+from piezo_model.identification_problem import Excitation, IdentificationProblem
 from piezo_model.json_file import Number
-from piezo_model.learning.driven_range import DrivenRange
-from piezo_model.learning.events import BlockEvent, Event, Phase, Verdict
-from piezo_model.learning.learner import Learner
-from piezo_model.learning.settings import LearningSettings, Mode
+from piezo_model.learning.driven_range import PIECE_S, DrivenRange, carried_over
+from piezo_model.learning.events import MESSAGES, BlockEvent, Event, Phase, Verdict
+from piezo_model.learning.settings import (
+    CHECKPOINT_S,
+    CLOCK,
+    CONTINUOUS,
+    CYCLIC,
+    MEMORY,
+    MIN_SLOPE,
+    LearningSettings,
+    Mode,
+    learner_numbers,
+    write_settings,
+)
+from piezo_model.learning.solving import STEPPED, solved
 from piezo_model.model import HysteresisCreepModel, ModelError
 from piezo_model.operator_state import OperatorState
+from piezo_model.regressors import full_gram, write_slope_regressors
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Vector
+
+LOG_LENGTH = 1000
+"""Number of events kept."""
 
 
 class LearnerState(TypedDict):
@@ -48,7 +68,7 @@ class SavedState(TypedDict):
     log: list[Event]
 
 
-class SelfLearningCompensator(Learner):
+class SelfLearningCompensator(Stateful):
     """A compensator that identifies its own model while it runs.
 
     One thread at a time may use it; another one gets a RuntimeError.
@@ -170,18 +190,30 @@ class SelfLearningCompensator(Learner):
             raise ValueError("the model has another structure than the one given")
         if estimate_offset and not structure.offset:
             model = replace(model, structure=replace(structure, offset=True))
-        super().__init__(
-            Compensator(
-                model,
-                settings.x_limits,
-                settings.rate_limit,
-                state,
-                x_start=x_start,
-                integral_gain=settings.integral_gain,
-            ),
-            settings,
+        s = model.structure
+        self.settings, self._cyclic = settings, settings.mode == "cyclic"
+        self.compensator = compensator = Compensator(
+            model,
+            settings.x_limits,
+            settings.rate_limit,
+            state,
+            x_start=x_start,
+            integral_gain=settings.integral_gain,
         )
+        self.log: deque[Event] = deque(maxlen=LOG_LENGTH)
+        self.problem: IdentificationProblem | None = None
         self._last_x: float | None = None
+        self._block, numbers = learner_numbers(s, settings)
+        """Samples of a block."""
+        sizes = *compensator.shape, self._block, 1, CYCLIC if self._cyclic else CONTINUOUS
+        self._core = State(bindings.learner_bytes(*sizes), lambda memory: bindings.learner_setup(memory, *sizes))
+        write_settings(numbers, self._core["settings"])
+        self._core.as_int64("delay")[:] = self._block
+        self._core["noise_gains"][:] = compensator.prefilter.noise_gains
+        write_slope_regressors(self._core, s)
+        self._driven = DrivenRange() if self._cyclic else DrivenRange(round(PIECE_S / CHECKPOINT_S))
+        compensator.set_blend_time(settings.blend_time_s)
+        self._begin(compensator.state, resets=True)
 
     @property
     def model(self) -> HysteresisCreepModel:
@@ -335,12 +367,9 @@ class SelfLearningCompensator(Learner):
         with self._core.exclusive():
             self._core.restore(saved["learning"]["core"], bindings.learner_restore)
             self.compensator.restore(saved["compensator"])
-            self._driven = driven
-            self._follow_dynamics()
+            self._core["noise_gains"][:] = self.compensator.prefilter.noise_gains
+            self.log, self._driven, self._last_x = deque(saved["log"], LOG_LENGTH), driven, saved["last_x"]
             self.problem = self._gathered() if self._cyclic and self.phase is Phase.LEARN else None
-            self._last_x = saved["last_x"]
-            self.log.clear()
-            self.log.extend(saved["log"])
 
     def save(self, path: str | Path) -> None:
         """Write settings and state as JSON, at any time; the file is replaced as a whole."""
@@ -382,13 +411,121 @@ class SelfLearningCompensator(Learner):
     def _resumed(cls, path: str | Path) -> Self:
         fields, state = read_learner(path)
         with checks.refusing(ModelError, f"{path}: does not hold a whole compensator: "):
-            saved = json_file.convert(state, SavedState)
             settings = json_file.convert(fields, LearningSettings)
             options = {**(settings.solver_options or {}), "lane": "", "setting": ""}
             # a library could take a text for the name of a file to write
             if texts := [name for name, value in options.items() if value and isinstance(value, str | list | dict)]:
                 raise ValueError(f"the solver's option {texts[0]} is no number, and a file sets only numbers")
-            model = HysteresisCreepModel.from_file(saved["compensator"]["model"])
+            model = HysteresisCreepModel.from_file(json_file.convert(state, SavedState)["compensator"]["model"])
             learner = cls(model.structure, **asdict(settings), model=model)
             learner.restore(state)
             return learner
+
+    def _begin(self, state: OperatorState, resets: bool) -> None:
+        """Begin to learn from the compensator's model and these states of the operators."""
+        self._core["in_use"][:] = self.structure.inverse_slope_map @ self.model.weights
+        bindings.learner_begin(self._core.block, self.compensator.block, state.play, state.creep, resets)
+
+    @property
+    def _memory(self) -> np.void:
+        """The core's ``LearnerMemory``."""
+        return self._core.record("memory", MEMORY)
+
+    @property
+    def _clock(self) -> np.void:
+        """The core's ``LearnerClock``."""
+        return self._core.record("clock", CLOCK)
+
+    def _until_done(self, samples: int, call: Callable[[int, NDArray[np.int64]], int], observed: bool = False) -> None:
+        """Process samples by a function of the core that takes the number of the first one, stops at events, and
+        returns the number of samples done. A sample that is ``observed``, or had events, is to be driven only."""
+        done, events = 0, np.full(1, observed, dtype=np.int64)
+        with self._core.exclusive():
+            while done < samples:
+                done = call(done, events)
+                if events[0]:
+                    self._follow(BlockEvent(int(events[0])))
+
+    def _follow(self, events: BlockEvent) -> None:
+        """Handle the events of a block that need Python, and log them."""
+        if BlockEvent.SENSOR_FAULT in events:
+            self._driven.interrupt()
+        if BlockEvent.PROGRAM in events:
+            self._solve()
+        refused, judged = BlockEvent.NOT_A_NUMBER | BlockEvent.WORSE, BlockEvent.WORSE | BlockEvent.CYCLE_OVER
+        for event, (what, message) in MESSAGES.items():
+            if event in events and not (event is BlockEvent.CYCLE_OVER and events & refused):
+                low, high = self._core["covered"][:2] if self._cyclic else (0.0, 0.0)
+                errors = ("error_in_use", "error_found") if event & judged else ()
+                self._note(
+                    what,
+                    message.format(percent=50.0 * (high - low), solver=self.settings.solver),
+                    *(float(self._clock[name]) for name in errors),
+                )
+        if events & (BlockEvent.CHECK_RANGE | BlockEvent.CYCLE_OVER):
+            self._adapt_range()
+
+    def _note(self, what: Any, message: str, old: float = math.nan, new: float = math.nan) -> None:
+        sample, since = int(self._core.as_int64("samples")[0]), int(self._clock["learning_since"])
+        self.log.append(Event(sample, what, message, old, new, since))
+
+    def _gathered(self) -> IdentificationProblem:
+        """The problem of a cycle's data, which the core has in slopes."""
+        core, s = self._core, self.structure
+        gram, S = full_gram(core["data"], s), s.inverse_slope_map
+        return IdentificationProblem(
+            s,
+            S.T @ gram[:-1, :-1] @ S,
+            S.T @ gram[:-1, -1],
+            0.5 * float(gram[-1, -1]),
+            Excitation.of(s, core["covered"], core["r"], core["start_play"], core["start_creep"]),
+            s.slope_map @ core["reference"],
+            self.settings.proximal,
+            MIN_SLOPE,
+        )
+
+    def _solve(self) -> None:
+        """Solve the program of the core."""
+        core, s = self._core, self.structure
+        if self._cyclic:
+            self.problem = self._gathered()
+            if self.settings.solver == STEPPED:
+                return
+        else:
+            bindings.learner_program(core.block)
+        P, q, lower = core["P"].reshape(s.d, s.d).copy(), core["q"].copy(), core["lower"].copy()
+        c = 0.5 * float(full_gram(core["data" if self._cyclic else "gram"], s)[-1, -1])
+        program = solvers.Problem(P, q, lb=lower, ub=np.full(q.size, np.inf))
+        start = np.maximum(core["start"], lower)
+        try:
+            answer = solved(self.settings.solver, self.settings.solver_options, program, start, c)
+        except Exception as error:  # no exception of a library may stop the compensator
+            self._memory["refusals"] += 1
+            if self._cyclic:
+                bindings.cyclic_enter(core.block, list(Phase).index(Phase.RESET))
+            self._note("refused", f"the solver {self.settings.solver} failed: {error}")
+            return
+        if self._cyclic:
+            core["answer"][:] = answer
+        elif np.all(np.isfinite(answer)):
+            core["candidate"][:] = np.maximum(answer, lower)
+
+    def _adapt_range(self) -> None:
+        """Change to other ranges if the drive or the output needs them."""
+        core, old = self._core, self.structure
+        span = core["covered"] if self._cyclic else self._memory["span"]
+        new = self._driven.observe(span, old) if self.settings.adapt_range and np.all(np.isfinite(span)) else None
+        if not self._cyclic:
+            span[:] = math.inf, -math.inf, math.inf, -math.inf
+        if new is None:
+            return
+        state = OperatorState(core["block_play"], core["block_creep"]).rescaled_to(old, new)
+        self._memory["level"] *= (old.x_scale / new.x_scale) ** 2
+        # these weights may not have been handed over yet
+        learned = HysteresisCreepModel.from_weights(old, old.slope_map @ core["in_use"])
+        model = carried_over(learned, new).with_dynamics_of(self.model)
+        self.compensator.change_model(model, self.settings.blend_time_s)
+        self._begin(state, resets=False)
+        if self._cyclic:
+            self._clock["past_span"] = 0.0
+        self._note("range", "the thresholds follow the range that was driven")

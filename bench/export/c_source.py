@@ -25,7 +25,7 @@ from bench.export.settings import (
 from bench.rendering import c_templates
 from piezo_model import HysteresisCreepModel, ModelStructure, operators, regressors
 from piezo_model.core import bindings
-from piezo_model.learning.layout import CONTINUOUS, CYCLIC
+from piezo_model.learning.settings import CONTINUOUS, CYCLIC
 from piezo_model.prefilter import Prefilter
 from piezo_model.units import quantity
 from solvers.core import bindings as solvers_bindings

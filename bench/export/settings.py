@@ -11,8 +11,7 @@ from typing import Literal, get_args
 
 from piezo_model import ModelStructure, checks
 from piezo_model.compensator import blend_factor, drive_settings
-from piezo_model.learning.layout import learner_numbers
-from piezo_model.learning.settings import LearningSettings, Mode
+from piezo_model.learning.settings import LearningSettings, Mode, learner_numbers
 from piezo_model.operator_state import drive_start
 from solvers.kernel.accelerated_projection import AcceleratedProjection
 

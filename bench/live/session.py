@@ -34,7 +34,7 @@ from bench.live.device import DeviceError
 from bench.live.settings import LiveSettings
 from bench.timing import cores
 from piezo_model.atomic_file import replacing
-from piezo_model.learning.learner import REVERSED
+from piezo_model.learning.events import REVERSED
 from piezo_model.recordings.formats.arrow import whole_batches
 from piezo_model.units import quantity
 

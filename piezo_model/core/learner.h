@@ -64,7 +64,7 @@ enum { X_LOW, X_HIGH, Y_LOW, Y_HIGH, SPAN };
  * (learner.c), and the verdict: 1 the output rises with the input, -1 it falls, 0 not known yet. */
 enum { ONE, X, Y, X_X, X_Y, Y_Y, MOMENTS, COUNT = MOMENTS, STRETCHES, XX, XY, YY, DIRECTION, EVIDENCE };
 
-/* State of a learner; flags are 1 or 0. piezo_model/learning/layout.py has the same names. */
+/* State of a learner; flags are 1 or 0. piezo_model/learning/settings.py has the same names. */
 typedef struct {
     num learning;
     num reset_remaining;                              /* samples left of the reset; 0 while learning */

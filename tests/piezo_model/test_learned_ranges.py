@@ -26,7 +26,7 @@ from piezo_model import (
     plants,
 )
 from piezo_model.learning.driven_range import LONGEST, UNDER, DrivenRange, carried_over
-from piezo_model.learning.learner import REVERSED
+from piezo_model.learning.events import REVERSED
 
 SECONDS = 8
 TIME = np.arange(SECONDS * 1000) * T
