@@ -208,7 +208,6 @@ class SelfLearningCompensator(Stateful):
         sizes = *compensator.shape, self._block, 1, CYCLIC if self._cyclic else CONTINUOUS
         self._core = State(bindings.learner_bytes(*sizes), lambda memory: bindings.learner_setup(memory, *sizes))
         write_settings(numbers, self._core["settings"])
-        self._core.as_int64("delay")[:] = self._block
         self._core["noise_gains"][:] = compensator.prefilter.noise_gains
         write_slope_regressors(self._core, s)
         self._driven = DrivenRange() if self._cyclic else DrivenRange(round(PIECE_S / CHECKPOINT_S))
@@ -259,11 +258,7 @@ class SelfLearningCompensator(Stateful):
 
     def samples_until_change(self) -> int:
         """Number of samples whose drives can be computed at once, since nothing that they depend on can change."""
-        if self.settings.integral_gain > 0.0:
-            return 1
-        weights = int(bindings.learner_quiet(self._core.block))
-        # New weights take effect a block after their last sample, new ranges at once.
-        return weights - self._block if self.settings.adapt_range and weights > self._block else weights
+        return int(bindings.learner_quiet(self._core.block, self.compensator.block, self.settings.adapt_range))
 
     def step(self, y_ref: float, y_measured_before: float) -> float:
         """Process one sample.
@@ -491,8 +486,6 @@ class SelfLearningCompensator(Stateful):
             self.problem = self._gathered()
             if self.settings.solver == STEPPED:
                 return
-        else:
-            bindings.learner_program(core.block)
         P, q, lower = core["P"].reshape(s.d, s.d).copy(), core["q"].copy(), core["lower"].copy()
         c = 0.5 * float(full_gram(core["data" if self._cyclic else "gram"], s)[-1, -1])
         program = solvers.Problem(P, q, lb=lower, ub=np.full(q.size, np.inf))
@@ -500,9 +493,7 @@ class SelfLearningCompensator(Stateful):
         try:
             answer = solved(self.settings.solver, self.settings.solver_options, program, start, c)
         except Exception as error:  # no exception of a library may stop the compensator
-            self._memory["refusals"] += 1
-            if self._cyclic:
-                bindings.cyclic_enter(core.block, list(Phase).index(Phase.RESET))
+            bindings.learner_refuse(core.block)
             self._note("refused", f"the solver {self.settings.solver} failed: {error}")
             return
         if self._cyclic:
@@ -526,6 +517,4 @@ class SelfLearningCompensator(Stateful):
         model = carried_over(learned, new).with_dynamics_of(self.model)
         self.compensator.change_model(model, self.settings.blend_time_s)
         self._begin(state, resets=False)
-        if self._cyclic:
-            self._clock["past_span"] = 0.0
         self._note("range", "the thresholds follow the range that was driven")

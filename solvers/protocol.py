@@ -133,13 +133,10 @@ class Solver(ABC):
         ValueError
             The ladder has no such rung.
         """
-        for rung, here in zip(cls.ladder(1.0), cls.ladder(c), strict=True):
-            if setting_text({**cls.fixed_settings, **rung}) == setting:
-                return dict(here)
-        if setting != setting_text(cls.fixed_settings):
-            ends = " to ".join(setting_text({**cls.fixed_settings, **cls.ladder(1.0)[end]}) for end in (0, -1))
-            raise ValueError(f"{cls.name} has no setting {setting!r}; its ladder goes from {ends}")
-        return {}
+        texts = [setting_text({**cls.fixed_settings, **rung}) for rung in cls.ladder(1.0)]
+        if setting not in (*texts, setting_text(cls.fixed_settings)):
+            raise ValueError(f"{cls.name} has no setting {setting!r}; its ladder goes from {texts[0]} to {texts[-1]}")
+        return dict(cls.ladder(c)[texts.index(setting)]) if setting in texts else {}
 
     def __init__(self, **settings: Any) -> None:
         self.settings: dict[str, Any] = {**self.fixed_settings, **settings}

@@ -142,7 +142,6 @@ class ExportSettings:
             "tolerance": AcceleratedProjection.fixed_settings["tolerance"],
             "block": block,
             "blocks": BLOCKS,
-            "delay": block,
         }
 
 

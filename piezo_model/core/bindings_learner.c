@@ -27,7 +27,6 @@ static void set_up(Arguments *a, void *memory, Shape s, int block, int blocks, i
     const Cyclic none = {0}, *const c = mode == CYCLIC ? &l.cyclic : &none;
     const Workspace w = workspace_of(&l);
     const Field fields[] = {{"settings", l.settings, sizeof *l.settings / sizeof(real)},
-                            {"delay", &l.mailbox.head->delay, 1},
                             {"samples", &l.mailbox.head->samples, 1},
                             {"clock", l.clock, sizeof *l.clock / sizeof(real)},
                             {"memory", l.memory, sizeof *l.memory / sizeof(real)},
@@ -60,24 +59,27 @@ static void begin(const Loop *loop, const double *play, const double *creep, int
     learner_begin(&loop->learner, resets);
 }
 
-/* Number of samples for which the weights in use cannot change. */
-static int64_t quiet(const Learner *l)
+/* Samples whose drives can be computed at once: new weights take effect a block after their last sample, new ranges, of
+ * a learner that `adapts` them, at once, and integral action needs each output. */
+static int64_t quiet(const Loop *loop, int adapts)
 {
+    const Learner *const l = &loop->learner;
     const MailboxHead *const m = l->mailbox.head;
-    const LearnerSettings *const p = l->settings;
-    const LearnerClock *const t = l->clock;
-    int64_t end = t->next_interval;
-    if (p->mode == CYCLIC) {
-        end = m->samples + t->phase_left + (t->phase == RESET ? p->build_lasts : 0)
-              + (t->phase == LEARN    ? 0
-                 : p->solver == STEPS ? p->learn_lasts
-                                      : p->solve_lasts);
+    int64_t end = l->clock->next_interval;
+    if (l->settings->mode == CYCLIC) {
+        const LearnerSettings *const p = l->settings;
+        end = m->samples + l->clock->phase_left + (l->clock->phase == RESET ? p->build_lasts : 0)
+              + (l->clock->phase == LEARN ? 0
+                 : p->solver == STEPS     ? p->learn_lasts
+                                          : p->solve_lasts);
         end = (end + m->block - 1) / m->block * m->block;
     }
     if (m->offered != m->answered && *l->mailbox.offer.due > m->samples) {
         end = *l->mailbox.offer.due - m->delay;
     }
-    return end + m->delay - m->samples;
+    return loop->controller.compensator.settings->gain > 0
+               ? 1
+               : end - m->samples + (adapts && end > m->samples ? 0 : m->delay);
 }
 
 /* Whether a state of unknown origin is safe: sizes and counts and numbers in their ranges. */
@@ -136,11 +138,15 @@ static void begin_next(const Loop *loop)
     controller_begin_block(&loop->controller, w.play, w.creep);
 }
 
-static int observe(const Loop *loop, double y)
+/* Observe a sample, of the present drive, or of the drive *x with which no other one begins the next block, and learn
+ * from a full block; what there is to tell, for which Python takes the states from the next block. */
+static int observe(const Loop *loop, const double *x, double y)
 {
-    const int full = controller_observe(&loop->controller, loop->controller.compensator.play[0], y);
+    const DriveSettings *const p = loop->controller.compensator.settings;
+    const double drive = x ? (*x - p->x_centre) / p->x_scale : loop->controller.compensator.play[0];
+    const int full = controller_observe(&loop->controller, drive, y);
     const int events = full ? learner_learn(&loop->learner) & ~TAKE_OVER : 0;
-    if (events) { /* Python takes the states from the next block */
+    if (full && (events || x)) {
         begin_next(loop);
     }
     return events;
@@ -149,7 +155,7 @@ static int observe(const Loop *loop, double y)
 /* Observe if `observes`, then drive; after events Python acts first and then calls again for the drive. */
 static PyObject *step(const Loop *loop, double y_ref, double y, int observes)
 {
-    const int events = observes ? observe(loop, y) : 0;
+    const int events = observes ? observe(loop, NULL, y) : 0;
     return Py_BuildValue("(di)", events ? 0.0 : controller_drive(&loop->controller, y_ref), events);
 }
 
@@ -165,13 +171,8 @@ static void drive(const Loop *loop, int64_t samples, const double *y_ref, double
 static int64_t observe_all(const Loop *loop, int64_t samples, const double *y, const double *x, int64_t k,
                            int64_t *events)
 {
-    const DriveSettings *const p = loop->controller.compensator.settings;
-    *events = 0;
-    for (; k < samples && *events == 0; ++k) {
-        if (controller_observe(&loop->controller, (x[k] - p->x_centre) / p->x_scale, y[k])) {
-            *events = learner_learn(&loop->learner) & ~TAKE_OVER;
-            begin_next(loop);
-        }
+    for (*events = 0; k < samples && *events == 0; ++k) {
+        *events = observe(loop, x + k, y[k]);
     }
     return k;
 }
@@ -180,7 +181,7 @@ static int64_t replay(const Loop *loop, int64_t samples, const double *y, const 
                       int64_t *events)
 {
     for (int64_t observed = *events; k < samples; ++k, observed = 0) {
-        *events = observed ? 0 : observe(loop, y[k]);
+        *events = observed ? 0 : observe(loop, NULL, y[k]);
         if (*events) {
             break;
         }
@@ -200,12 +201,10 @@ static int64_t replay(const Loop *loop, int64_t samples, const double *y, const 
       set_up(&a, MEMORY(0), FILTERED_AT(1), INT(7), INT(8), INT(9)))                                                   \
     F(learner_begin, "state@LEAR, compensator@COM2, play[l], creep[c], resets#0:1",                                    \
       "begin to learn from the weights in use and these states.", 0, begin(LOOP, REALS(2), REALS(3), INT(4)))          \
-    F(learner_program, "state@LEAR", "write the program of an interval.", 0, learner_program(LEARNER, 0))              \
-    F(learner_quiet, "state@LEAR", "samples for which the weights in use cannot change.", 0,                           \
-      WHOLE_RESULT = quiet(LEARNER))                                                                                   \
+    F(learner_quiet, "state@LEAR, compensator@COM2, adapts#0:1", "samples whose drives cannot change by learning.", 0, \
+      WHOLE_RESULT = quiet(LOOP, INT(2)))                                                                              \
     F(learner_restore, "state@LEAR, other@", "become what another learner was.", 0, restore(&a, MEMORY(0), MEMORY(1))) \
-    F(cyclic_enter, "state@LEAR, phase#0:2", "begin a phase, 0 reset, 1 build, 2 learn.", 0,                           \
-      cyclic_enter(LEARNER, INT(1)))                                                                                   \
+    F(learner_refuse, "state@LEAR", "count a refusal, and begin a cycle anew.", 0, learner_refuse(LEARNER, 0))         \
     F(learner_step, "state@LEAR, compensator@COM2, y_ref, y, observes#0:1",                                            \
       "observe and drive; (drive, what there is to tell).", 0,                                                         \
       OBJECT_RESULT = step(LOOP, NUMBER(2), NUMBER(3), INT(4)))                                                        \

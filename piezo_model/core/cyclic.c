@@ -204,10 +204,12 @@ static int begin_steps(const Learner *l)
     return 1;
 }
 
-static int refuse(const Learner *l, int why)
+int learner_refuse(const Learner *l, int why)
 {
     l->memory->refusals += 1;
-    cyclic_enter(l, RESET);
+    if (MODE(l->settings) == CYCLIC) {
+        cyclic_enter(l, RESET);
+    }
     return why;
 }
 
@@ -217,7 +219,7 @@ static int end_of_build(const Learner *l, int64_t now)
     l->clock->learning_since = now;
     memcpy(c->covered, l->memory->span, SPAN * sizeof(real));
     if ((c->covered[X_HIGH] - c->covered[X_LOW]) / 2 < MIN_EXCITATION) {
-        return refuse(l, UNEXCITED);
+        return learner_refuse(l, UNEXCITED);
     }
     if (l->memory->evidence[DIRECTION] == 0) {
         l->clock->phase_left = 1; /* build on until the data tell the direction of the output */
@@ -225,12 +227,12 @@ static int end_of_build(const Learner *l, int64_t now)
     }
     if (l->memory->evidence[DIRECTION] < 0) {
         l->memory->reversed += 1;
-        return refuse(l, 0);
+        return learner_refuse(l, 0);
     }
     recall(l, l->in_use, c->data, c->data);
     make_program(l);
     cyclic_enter(l, LEARN);
-    return SOLVER(l->settings) != STEPS || begin_steps(l) ? PROGRAM : refuse(l, NOT_A_NUMBER);
+    return SOLVER(l->settings) != STEPS || begin_steps(l) ? PROGRAM : learner_refuse(l, NOT_A_NUMBER);
 }
 
 /* Check the answer and offer it. */
@@ -250,14 +252,14 @@ static int hand_over(const Learner *l, int64_t now)
         sum += c->found[j] - c->found[j];
     }
     if (!(sum == 0)) {
-        return refuse(l, NOT_A_NUMBER);
+        return learner_refuse(l, NOT_A_NUMBER);
     }
     before = greatest(0, cost(l->d, c->data, l->in_use));
     after = greatest(0, cost(l->d, c->data, c->found));
     clock->error_in_use = ROOT(2 * before);
     clock->error_found = ROOT(2 * after);
     if (!(after <= before)) {
-        return refuse(l, WORSE);
+        return learner_refuse(l, WORSE);
     }
     if (!learner_offer(l, c->found, 1, 1, now + l->mailbox.head->delay)) {
         return 0; /* the last offer has not been answered: try again after the next block */

@@ -268,7 +268,7 @@ Learner learner_setup(void *memory, Shape shape, int block, int blocks, int mode
         descent_setup(l.cyclic.descent.head, l.d, l.cyclic.lower, l.cyclic.upper);
         l = learner_at(memory);
     }
-    l.mailbox.head->block = block;
+    l.mailbox.head->delay = l.mailbox.head->block = block; /* weights take effect a block after their last sample */
     l.mailbox.head->blocks = blocks;
     l.memory->learning = 1;
     return l;
@@ -279,7 +279,7 @@ void learner_begin(const Learner *l, int resets)
     LearnerMemory *const m = l->memory;
     const LearnerSettings *const p = l->settings;
     m->fault_count = (num)l->mailbox.faults[0];
-    m->pending = 0;
+    m->pending = l->clock->past_span = 0; /* the memory of past cycles belongs to the model before */
     memcpy(l->before, l->in_use, sizeof(real) * (size_t)NUMS(l->d));
     if (MODE(p) == CYCLIC) {
         learner_forget_direction(m, 1);

@@ -258,6 +258,8 @@ CORE_API Learner learner_setup(void *memory, Shape shape, int block, int blocks,
 CORE_API void learner_begin(const Learner *l, int resets);
 CORE_API int cyclic_block(const Learner *l, const BlockSummary *b);
 CORE_API void cyclic_enter(const Learner *l, int phase);
+/* Count a refusal of new weights, and begin a cycle anew; `why`. */
+CORE_API int learner_refuse(const Learner *l, int why);
 CORE_API int64_t cyclic_bytes(Shape shape);
 CORE_API Cyclic cyclic_at(Arena *arena, Shape shape);
 #endif

@@ -56,7 +56,8 @@ int N(learner_optimum)(const Learner *l, num which)
 {
     LearnerMemory *const m = l->memory;
     int events = 0;
-    if (SOLVER(l->settings) == ANSWERED) {
+    if (SOLVER(l->settings) == ANSWERED) { /* of a single learner only */
+        N(learner_program)(l, 0);
         return PROGRAM;
     }
     for (int lane = 0; lane < WIDTH; ++lane) {

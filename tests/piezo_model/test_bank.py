@@ -3,7 +3,7 @@
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -198,52 +198,31 @@ def test_a_truncated_bank_file_is_refused(tmp_path: Path) -> None:
         CompensatorBank.load(tmp_path / "old.npz")
 
 
-def change(part: str, *names: str, to: object) -> Callable[..., None]:
-    """A function that sets one setting of a bank's file, or a part of its state, to a value."""
-
-    def changing(**parts: dict[str, Any]) -> None:
-        inner = parts[part]
-        for name in names[:-1]:
-            inner = inner[name]
-        inner[names[-1]] = to
-
-    return changing
-
-
 @pytest.mark.parametrize(
-    ("changing", "sentence"),
+    ("names", "value", "sentence"),
     [
         *(
-            (
-                change("settings", "learning", name, to=1e300),
-                rf"{name} must be a positive number of seconds up to 1e\+09, not 1e\+300",
-            )
+            (("learning", name), 1e300, rf"{name} must be a positive number of seconds up to 1e\+09, not 1e\+300")
             for name in ("forgetting_time_s", "hand_over_s", "reset_s", "blend_time_s")
         ),
-        (
-            change("settings", "learning", "forgetting_time_s", to=0.0),
-            "forgetting_time_s must be a positive number of seconds",
-        ),
-        (
-            change("settings", "learning", "forgetting_time_s", to="x"),
-            "the field 'learning.forgetting_time_s' is wrong",
-        ),
-        (change("settings", "learning", "speed", to=1), "there is no field 'learning.speed'"),
-        (change("state", "core", to=np.zeros(2**20, np.uint8)), "the state of the core is that of another structure"),
-        (change("state", "core", to=np.zeros(3)), "slots must be different whole numbers from 0 to 7"),
+        (("learning", "forgetting_time_s"), 0.0, "forgetting_time_s must be a positive number of seconds"),
+        (("learning", "forgetting_time_s"), "x", "the field 'learning.forgetting_time_s' is wrong"),
+        (("learning", "speed"), 1, "there is no field 'learning.speed'"),
+        (("core",), np.zeros(2**20, np.uint8), "the state of the core is that of another structure"),
+        (("core",), np.zeros(3), "slots must be different whole numbers from 0 to 7"),
         *(
-            (change("state", "slots", to=slots), "slots must be different whole numbers from 0 to 15")
+            (("slots",), slots, "slots must be different whole numbers from 0 to 15")
             for slots in (np.arange(13) + 4, np.zeros(13, np.int64), np.linspace(0.0, 12.0, 13))
         ),
     ],
 )
 def test_a_bank_file_with_invalid_numbers_is_refused_in_one_sentence(
-    changing: Callable[..., None], sentence: str, tmp_path: Path
+    names: tuple[str, ...], value: Any, sentence: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "bank.json"
     CompensatorBank(STRUCTURE, 13).save(path)
     settings, state = read_learner(path)
-    changing(settings=settings, state=state)
+    reduce(dict.__getitem__, names[:-1], settings if "learning" in names else state)[names[-1]] = value
     write_learner(path, settings, state)
     with pytest.raises(ModelError, match=rf"^[^\n]*bank\.json: does not hold a whole bank: [^\n]*{sentence}[^\n]*$"):
         CompensatorBank.load(path)

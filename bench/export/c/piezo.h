@@ -102,7 +102,7 @@ void piezo_reset(piezo_axis *axis);
  * PIEZO_BLOCK samples. */
 piezo_real piezo_step(piezo_axis *axis, piezo_real y_ref, piezo_real y_measured_before);
 
-/* The task: learn from one block of samples; 0 if there was none. New weights are taken over PIEZO_DELAY samples after
+/* The task: learn from one block of samples; 0 if there was none. New weights are taken over PIEZO_BLOCK samples after
  * their block, so the drive does not depend on when the task ran. If the task is later than that, they are taken over
  * with the next block; if PIEZO_BLOCKS are full, samples are lost. Both are counted. */
 int piezo_learn(piezo_axis *axis);

@@ -74,7 +74,6 @@ void piezo_learner_reset(void *learner)
 #endif
     };
     const Learner l = learner_setup(learner, exported_shape, PIEZO_BLOCK, PIEZO_BLOCKS, CORE_MODE);
-    l.mailbox.head->delay = PIEZO_DELAY;
     memcpy((void *)(uintptr_t)l.settings, &settings, sizeof settings);
     set_regressors(&l.regressors);
 #if PIEZO_RING > 0
@@ -87,7 +86,6 @@ void piezo_learner_begin(void *learner, const double *weights)
 {
     const Learner l = learner_at(learner);
     unknowns_of(l.shape, PIEZO_MIDDLE, weights, l.in_use);
-    l.clock->past_span = 0; /* the memory of past cycles belongs to the model before */
     learner_begin(&l, 1);
 }
 
