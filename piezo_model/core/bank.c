@@ -1,3 +1,8 @@
+/* The memory and the step of a bank (bank.h): tables of the tiles' drivers, learners and checkpoints, one part of each
+ * tile after the other, so that a step reads what it needs and the next tile's part is fetched meanwhile.
+ * `tile_step` is the whole of a sample: observe, learn from a full block, drive. References, outputs and drives are in
+ * the units of the structure, states and weights normalised, each number for eight actuators.
+ */
 #define CORE_TILE
 #include "bank.h"
 

@@ -28,7 +28,7 @@ static void set_up(Arguments *a, void *memory, Shape s, int64_t tiles, int block
         {"w_S", c->inverse.w_S, s.zones * LANES},
         {"w_K", c->inverse.w_K, creep_weights(s) * LANES},
         {"offset", c->inverse.offset, LANES},
-        {"prefilter", c->prefilter.modes, prefilter_nums(s) * LANES},
+        {"prefilter", c->prefilter.reference, prefilter_nums(s) * LANES},
         {"noise_gains", l->mailbox.noise_gains, 2 * LANES},
         {"mailbox", l->mailbox.head, sizeof *l->mailbox.head / sizeof(real)},
         {"clock", l->clock, sizeof *l->clock / sizeof(real)},
@@ -52,7 +52,7 @@ static int sound(const Bank *b, int64_t tile)
                      && m->samples >= 0 && m->filled >= 0 && m->to_go >= 0 && m->filled + m->to_go <= m->block
                      && m->skipped >= 0 && m->skipped < m->block && m->published == m->consumed
                      && m->offered - m->answered <= 1 && l->clock->next_interval >= 0;
-    return fine && nums_bounded((const num *)(const void *)c->prefilter.modes, prefilter_nums(b->shape))
+    return fine && nums_bounded((const num *)(const void *)c->prefilter.reference, prefilter_nums(b->shape))
            && nums_bounded(c->play, play_vectors(b->shape)) && nums_bounded(c->creep, creep_vectors(b->shape))
            && nums_bounded(c->inverse.w_H, inverse_nums(b->shape)) && nums_bounded(l->in_use, 3 * NUMS(l->d))
            && nums_bounded(l->gram, data_nums(b->shape))

@@ -23,7 +23,7 @@ static void set_up(Arguments *a, void *memory, Shape s)
                             {"W_H", p->W_H, lanes(s)},
                             {"w_H_inverse", p->w_H_inverse, lanes(s)},
                             {"r_H_inverse", p->r_H_inverse, lanes(s)},
-                            {"prefilter", c.prefilter.modes, prefilter_nums(s)}};
+                            {"prefilter", c.prefilter.reference, prefilter_nums(s)}};
     RETURN_FIELDS(memory, fields);
 }
 

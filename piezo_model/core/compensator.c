@@ -58,9 +58,9 @@ static num filtered(const Compensator *c, num y_ref, num finite)
               low = minus(centre, most), high = plus(centre, most);
     if (p->gain > 0) {
         set_where(finite, reference, within(y_ref, low, high));
-        m->given = where(finite, N(prefilter_reference)(&c->prefilter, c->shape, *reference), y_ref);
+        m->given = where(finite, N(model_filter)(&c->prefilter, c->shape, *reference), y_ref);
     }
-    return N(prefilter_step)(&c->prefilter, c->shape, within(m->last_y_ref, low, high));
+    return N(reference_filter)(&c->prefilter, c->shape, within(m->last_y_ref, low, high));
 }
 
 /* A finite reference in normalised units, limited to FARTHEST. */
@@ -126,7 +126,7 @@ num N(compensator_step)(const Compensator *c, num y_ref, const Change *change)
     receive(c->operators, c->shape, divided(minus(x, x_centre), x_scale), c->play, c->creep);
     if (c->shape.modes > 0) {
         const num elsewhere = logical_or(absolute(m->held), is_not(finite));
-        N(prefilter_follow)(&c->prefilter, c->shape, output_of(c, creep), elsewhere);
+        N(reference_follow)(&c->prefilter, c->shape, output_of(c, creep), elsewhere);
     }
     return x;
 }

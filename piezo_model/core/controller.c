@@ -1,3 +1,8 @@
+/* The step of a self-learning compensator (controller.h), in the order of a sample: `controller_observe` takes the
+ * output of the drive before, `controller_drive` gives the next drive, and between them only a full block of samples
+ * reaches the learner. References and outputs are in the units of the structure; what goes into a block, and the states
+ * of the operators, are normalised. Both take the same time at every sample, but for the first drive of a block.
+ */
 #include "controller.h"
 
 static SensorGuard *guard_of(const Controller *c) { return (SensorGuard *)(void *)c->mailbox.guard; }
@@ -46,8 +51,8 @@ int N(controller_observe)(const Controller *c, num x, num y)
     const num faults = where(less(constant(MOST_COUNTED), counted), constant(0), counted);
     N(compensator_correct)(&c->compensator, y, good);
     if (c->compensator.shape.ring > 0) {
-        y = N(prefilter_measured)(&c->compensator.prefilter, c->compensator.shape, y, &good);
-        x = N(prefilter_drive)(&c->compensator.prefilter, c->compensator.shape, c->compensator.operators, x);
+        y = N(sensor_filter)(&c->compensator.prefilter, c->compensator.shape, y, &good);
+        x = N(sensor_drive)(&c->compensator.prefilter, c->compensator.shape, c->compensator.operators, x);
         unit_y = divided(minus(y, constant(p->y_centre)), constant(p->y_scale));
     }
     to_shared(b.x, m->filled, x);

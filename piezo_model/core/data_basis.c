@@ -1,3 +1,7 @@
+/* The memory of a data basis, and what one sample adds to it (data_basis.h): the states of the operators go on, a row
+ * of the error model is written to the block, and a full block is added to the Gram matrix. Drives and outputs come in
+ * normalised units, and so are the rows and their products.
+ */
 #include "data_basis.h"
 
 int64_t basis_bytes(Shape s)

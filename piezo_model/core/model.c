@@ -1,3 +1,6 @@
+/* The model (2) sample by sample (model.h): the drives x, in normalised units, become outputs y in normalised units,
+ * and the states of play and creep, which the caller keeps, go on by as many samples.
+ */
 #include "model.h"
 
 void model_simulate(const Model *m, const real *x, int64_t count, real *play, real *creep, real *y)

@@ -1,3 +1,8 @@
+/* The three filters of the dynamics (prefilter.h): of the reference, of the model, and of the sensor.
+ *
+ * A step of each takes the same time at every sample: a few multiplications a mode, and rings for the lags, whose
+ * numbers are written where they are due. All have a gain of 1, so that each is in the units of what goes in.
+ */
 #include "prefilter.h"
 
 /* Excite a mode; its output, D(z) / D(1) q. */
@@ -32,8 +37,8 @@ static num delayed(num *ring, int size, num *at, num lag, num newest)
 void N(prefilter_balance)(const Prefilter *p, Shape s, num which, num level, const num *play, const num *creep)
 {
     num *const levels = p->drives - s.ring - LEVELS;
-    for (int i = 0; i < 3 * s.modes; ++i) {
-        copy_where(which, &p->modes[i].q, (const num[]){level, constant(0)}, 2);
+    for (int i = 0; i < 3 * s.modes; ++i) { /* of all three */
+        copy_where(which, &p->reference[i].q, (const num[]){level, constant(0)}, 2);
     }
     for (int i = 0; i < LEVELS + s.ring; ++i) {
         set_where(which, levels + i, level);
@@ -46,26 +51,26 @@ void N(prefilter_balance)(const Prefilter *p, Shape s, num which, num level, con
     copy_where(which, p->creep, creep, CREEP_VECTORS * creep_vectors(s) * (LANES / WIDTH));
 }
 
-num N(prefilter_step)(const Prefilter *p, Shape s, num y_ref)
+num N(reference_filter)(const Prefilter *p, Shape s, num y_ref)
 {
     p->memory->output = y_ref;
     for (int i = 0; i < s.modes; ++i) {
-        p->memory->output = excite(p->modes + i, p->memory->output);
+        p->memory->output = excite(p->reference + i, p->memory->output);
     }
     return p->memory->output;
 }
 
-void N(prefilter_follow)(const Prefilter *p, Shape s, num v, num which)
+void N(reference_follow)(const Prefilter *p, Shape s, num v, num which)
 {
     for (int i = s.modes - 1; i >= 0; --i) {
-        Mode *const m = p->modes + i;
+        Mode *const m = p->reference + i;
         set_where(which, &m->second, times(minus(minus(v, m->q), times(m->c_D, m->first)), m->D));
         v = plus_times(m->q, plus_times(m->second, m->c_R, m->first), m->inverse_R);
         move(m);
     }
 }
 
-num N(prefilter_reference)(const Prefilter *p, Shape s, num y_ref)
+num N(model_filter)(const Prefilter *p, Shape s, num y_ref)
 {
     PrefilterMemory *const m = p->memory;
     const num late = delayed(m->ring, s.ring, &m->reference_at, m->reference_lag, y_ref);
@@ -74,14 +79,14 @@ num N(prefilter_reference)(const Prefilter *p, Shape s, num y_ref)
     memcpy(m->history + 1, before, sizeof before);
     m->behind = plus_times(late, m->decay, minus(m->behind, late));
     m->history[0] = m->behind;
-    for (int i = s.modes; i < 2 * s.modes; ++i) {
-        excite(p->modes + i, m->history[0]);
-        m->history[0] = move(p->modes + i);
+    for (int i = 0; i < s.modes; ++i) {
+        excite(p->model + i, m->history[0]);
+        m->history[0] = move(p->model + i);
     }
     return dot(m->taps, m->history, VECTORS(LANES));
 }
 
-num N(prefilter_measured)(const Prefilter *p, Shape s, num y, num *good)
+num N(sensor_filter)(const Prefilter *p, Shape s, num y, num *good)
 {
     PrefilterMemory *const m = p->memory;
     const num before = m->filtered, left = greatest(minus(m->unknown, constant(1)), constant(0));
@@ -89,14 +94,14 @@ num N(prefilter_measured)(const Prefilter *p, Shape s, num y, num *good)
     m->unknown = where(*good, left, m->unknown_lasts);
     *good = logical_and(*good, is_not(less(constant(0), m->unknown)));
     m->filtered = m->measured;
-    for (int i = 2 * s.modes; i < 3 * s.modes; ++i) {
-        m->filtered = excite(p->modes + i, m->filtered);
-        move(p->modes + i);
+    for (int i = 0; i < s.modes; ++i) {
+        m->filtered = excite(p->sensor + i, m->filtered);
+        move(p->sensor + i);
     }
     return plus_times(m->filtered, m->fraction, minus(before, m->filtered));
 }
 
-num N(prefilter_drive)(const Prefilter *p, Shape s, Operators operators, num x)
+num N(sensor_drive)(const Prefilter *p, Shape s, Operators operators, num x)
 {
     PrefilterMemory *const m = p->memory;
     num *const amplified = p->drives + s.ring;

@@ -1,11 +1,13 @@
-/* The dynamics of an actuator behind its hysteresis and creep, as its compensator and its learner use them. With the
- * poles D(z) of a mode, and R(z) of the same frequency and well damped,
+/* The dynamics of an actuator behind its hysteresis and creep, as its compensator and its learner use them, in three
+ * filters of its modes. With the poles D(z) of a mode, and R(z) of the same frequency and well damped, they are
  *
- *     F(z) = product over the modes of  D(z) / D(1)  R(1) / R(z)
+ *     reference   F(z) = product over the modes of  D(z) / D(1)  R(1) / R(z),  before the inverse of the model
+ *     model       R(1) / R(z) of each mode, behind the amplifier's lag and before the zeros of the stage: the output
+ *                 that the stage should have, against which integral action takes the error
+ *     sensor      F(z) again, behind the measurement: the learner's y is that of a static actuator whose drive is late
+ *                 by the lag of all of it
  *
- * inverts the modes before the reference, and again behind the sensor: the learner's y is that of a static actuator
- * whose drive is late by the lag of all of it. The error of integral action is that against the output which F is for:
- * y_ref late, through the amplifier's lag, R(1) / R(z) of each mode and the zeros of the stage.
+ * References and outputs are in the units of the structure, drives and states of the operators in normalised ones.
  *
  * A mode's states are q = R(1) / R(z) u and its first difference; the input u determines the second one. D(z) / D(1) q
  * is the output, so q is the modal displacement of the stage: where a limit held the drive, the second difference is
@@ -36,7 +38,7 @@ typedef struct {
 } PrefilterMemory;
 
 typedef struct {
-    Mode *modes; /* of F before the reference, of the reference model, which is without D, and of F behind the sensor */
+    Mode *reference, *model, *sensor; /* of each filter, one after the other */
     PrefilterMemory *memory;
     num *drives;       /* behind the ring of references, s.ring samples */
     num *play, *creep; /* states of the operators before the learner's next drive */
@@ -55,23 +57,26 @@ CORE_INLINE int prefilter_nums(Shape s)
 CORE_INLINE Prefilter prefilter_at(Arena *arena, Shape s)
 {
     num *const all = nums(arena, prefilter_nums(s)), *const states = (num *)(void *)arena->at;
+    Mode *const modes = (Mode *)(void *)all;
     PrefilterMemory *const memory = (PrefilterMemory *)(void *)(all + mode_nums(s));
     const int creep = CREEP_VECTORS * creep_vectors(s) * (LANES / WIDTH), play = play_vectors(s) * (LANES / WIDTH);
-    return (Prefilter){(Mode *)(void *)all, memory, memory->ring + s.ring, states - creep - play, states - creep};
+    return (Prefilter){modes,         modes + s.modes,       modes + 2 * s.modes,
+                       memory,        memory->ring + s.ring, states - creep - play,
+                       states - creep};
 }
 
 /* Begin in balance, where `which` is 1, at an output and at these states, of which the first is the drive. */
 CORE_API void N(prefilter_balance)(const Prefilter *p, Shape s, num which, num level, const num *play,
                                    const num *creep);
-/* The output of F for a finite reference. */
-CORE_API num N(prefilter_step)(const Prefilter *p, Shape s, num y_ref);
-/* Go on to the next sample from the output v, where `which` is 1, instead of that of F. */
-CORE_API void N(prefilter_follow)(const Prefilter *p, Shape s, num v, num which);
+/* The output of the first filter for a finite reference. */
+CORE_API num N(reference_filter)(const Prefilter *p, Shape s, num y_ref);
+/* Go on to its next sample from the output v, where `which` is 1, instead of its own. */
+CORE_API void N(reference_follow)(const Prefilter *p, Shape s, num v, num which);
 /* The output that the stage should have for a finite reference. */
-CORE_API num N(prefilter_reference)(const Prefilter *p, Shape s, num y_ref);
+CORE_API num N(model_filter)(const Prefilter *p, Shape s, num y_ref);
 /* The learner's output of a measured one; `good` becomes 0 where it is not known. */
-CORE_API num N(prefilter_measured)(const Prefilter *p, Shape s, num y, num *good);
+CORE_API num N(sensor_filter)(const Prefilter *p, Shape s, num y, num *good);
 /* The learner's drive of the present one, past which its states of the operators go. */
-CORE_API num N(prefilter_drive)(const Prefilter *p, Shape s, Operators operators, num x);
+CORE_API num N(sensor_drive)(const Prefilter *p, Shape s, Operators operators, num x);
 
 #endif

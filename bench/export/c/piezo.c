@@ -138,7 +138,7 @@ void piezo_reset(piezo_axis *axis)
     settle(&c);
 #if PIEZO_RING > 0
     for (size_t i = 0; i < sizeof prefilter / sizeof *prefilter; ++i) {
-        ((real *)(void *)c.prefilter.modes)[i] = (real)prefilter[i];
+        ((real *)(void *)c.prefilter.reference)[i] = (real)prefilter[i];
     }
     compensator_balance(&c, 1);
 #endif
@@ -236,7 +236,7 @@ void piezo_get_state(const piezo_axis *axis, piezo_state *state)
     state->last_y_ref = c.memory->last_y_ref;
     state->correction = c.memory->correction;
 #if PIEZO_MODES > 0
-    memcpy(state->modes, c.prefilter.modes, sizeof state->modes);
+    memcpy(state->modes, c.prefilter.reference, sizeof state->modes);
 #endif
 }
 
@@ -257,7 +257,7 @@ piezo_status piezo_set_state(piezo_axis *axis, const piezo_state *state)
     c.memory->given = (real)NAN;
     compensator_balance(&c, 1);
 #if PIEZO_MODES > 0
-    memcpy(c.prefilter.modes, state->modes, sizeof state->modes);
+    memcpy(c.prefilter.reference, state->modes, sizeof state->modes);
 #endif
     begin_learning(axis);
     return PIEZO_OK;
