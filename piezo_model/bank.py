@@ -119,8 +119,7 @@ class CompensatorBank(Stateful):
     ) -> None:
         checks.instance(ModelStructure, structure=structure)
         checks.whole(1, count=count, threads=threads)
-        line = HysteresisCreepModel.from_weights(structure, structure.straight_line)
-        self._line = replace(line, dynamics=dynamics)
+        self._line = replace(HysteresisCreepModel.from_weights(structure, structure.straight_line), dynamics=dynamics)
         """The straight line through the ranges, with the dynamics of the bank."""
         self.structure, self.threads, self.dynamics = structure, threads, dynamics
         self.settings = LearningSettings(
@@ -153,8 +152,9 @@ class CompensatorBank(Stateful):
             bindings.bank_bytes(*self._shape, tiles, self.block),
             lambda block: bindings.bank_setup(block, *self._shape, tiles, self.block),
         )
-        blend = blend_factor(s, settings.blend_time_s)
-        core["drive_settings"][:] = drive_settings(s, settings.rate_limit, blend, settings.integral_gain)
+        core["drive_settings"][:] = drive_settings(
+            s, settings.rate_limit, blend_factor(s, settings.blend_time_s), settings.integral_gain
+        )
         write_settings(self._numbers, core["settings"])
         write_slope_regressors(core, s)
         self._core, self._tiles = core, tiles
@@ -167,14 +167,15 @@ class CompensatorBank(Stateful):
         # lanes without an actuator have an inverse, too
         for name, line in (("w_H", 0), ("w_S", s.middle), ("candidate", s.slices[1])):
             self._view(name)[before:, line] = 1.0
-        workspace = bindings.bank_workspace_bytes(*self._shape, self.block)
-        self._workspaces = [State(workspace, lambda block: {}) for _ in range(self.threads)]
+        self._workspaces = [
+            State(bindings.bank_workspace_bytes(*self._shape, self.block), lambda block: {})
+            for _ in range(self.threads)
+        ]
 
     def _view(self, name: str) -> Matrix:
         """View (tiles, numbers, LANES) of one of `TABLES` or `LANE_BY_LANE`."""
         first, numbers = self._core.offsets[name]
-        tables = [self._core.offsets[table] for table in TABLES]
-        stride = [length for begin, length in tables if begin <= first][-1]
+        stride = [length for begin, length in map(self._core.offsets.__getitem__, TABLES) if begin <= first][-1]
         shape, strides = (self._tiles, numbers // LANES, LANES), (8 * stride, 8 * LANES, 8)
         return np.ndarray(shape, np.float64, self._core.block, first, strides)
 
@@ -251,9 +252,9 @@ class CompensatorBank(Stateful):
         }
         for name, values in numbers.items():
             self._view(name)[lanes(slots)] = values
+        begin = np.isin(np.arange(self._tiles * LANES), slots).astype(np.float64).reshape(-1, LANES)
         for tile in np.unique(slots // LANES).tolist():
-            begins = np.isin(np.arange(LANES) + LANES * tile, slots)
-            bindings.bank_begin(self._core.block, tile, begins.astype(np.float64))
+            bindings.bank_begin(self._core.block, tile, begin[tile])
 
     def _numbered(self, which: ArrayLike) -> Index:
         """Numbers of actuators, in ascending order; ValueError if one is not in the bank."""
@@ -353,8 +354,11 @@ class CompensatorBank(Stateful):
 
     def get_state(self) -> dict[str, Any]:
         """A copy of the whole state, without the settings."""
-        dynamics = [g and g.to_dict() for g in self._dynamics]
-        return {"core": self._core.block.copy(), "slots": self._slots.copy(), "dynamics": dynamics}
+        return {
+            "core": self._core.block.copy(),
+            "slots": self._slots.copy(),
+            "dynamics": [g and g.to_dict() for g in self._dynamics],
+        }
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue, to the last bit, from the :meth:`get_state` of a bank of the same settings and number of tiles."""
@@ -380,8 +384,11 @@ class CompensatorBank(Stateful):
 
     def save(self, path: str | Path) -> None:
         """Write settings and state as JSON; the file is replaced as a whole."""
-        dynamics, learning = self.dynamics and self.dynamics.to_dict(), asdict(self.settings)
-        settings = {"structure": self.structure.to_dict(), "dynamics": dynamics, "learning": learning}
+        settings = {
+            "structure": self.structure.to_dict(),
+            "dynamics": self.dynamics and self.dynamics.to_dict(),
+            "learning": asdict(self.settings),
+        }
         write_learner(path, settings, self.get_state())
 
     @classmethod

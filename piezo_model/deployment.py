@@ -1,4 +1,5 @@
-"""The files from which a self-learning compensator starts: a deployment, or its own when it was saved in operation.
+"""The files from which a self-learning compensator starts: a deployment, or its own when it was saved in operation, as
+which a bank is saved, too.
 
 A deployment for a controller holds model, solver and settings, with the evidence for the choice; ``piezobench deploy``
 writes it.
@@ -86,15 +87,15 @@ def open_model(path: str | Path) -> tuple[HysteresisCreepModel, Deployment[Hyste
 
 
 class LearnerFile(json_file.Versioned):
-    """The file of a self-learning compensator in operation: arrays are packed, to the bit."""
+    """The file of a self-learning compensator, or of a bank of them, in operation: arrays are packed, to the bit."""
 
     FORMAT = "piezobench-learner"
     VERSION = 8
     UPGRADE_HINT = "save its model, the field state.compensator.model, as a file of its own, and start from that"
     settings: dict[str, Any]
-    """Fields of `learning.settings.LearningSettings`."""
+    """Fields of `learning.settings.LearningSettings`, or of `bank.BankSettings`."""
     state: dict[str, Any]
-    """With the model and its structure."""
+    """With the model and its structure, or of a bank."""
     checksum: str
     """SHA-256 of the rest."""
 
