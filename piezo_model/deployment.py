@@ -117,11 +117,8 @@ def write_learner(path: str | Path, settings: Mapping[str, Any], state: Mapping[
 
 def read_learner(path: str | Path) -> tuple[dict[str, Any], dict[str, Any]]:
     """Settings and state; ModelError names what is wrong with the file."""
-    file = json_file.read(path, LearnerFile, ModelError)
-    content = {"format": file.format, "version": file.version, "settings": file.settings, "state": file.state}
-    if file.checksum != _checksum(content):
+    content = msgspec.structs.asdict(json_file.read(path, LearnerFile, ModelError))
+    if content.pop("checksum") != _checksum(content):
         raise ModelError(f"{path}: is damaged, since its checksum is another one")
-    try:
-        return unpacked(file.settings), unpacked(file.state)
-    except ValueError as error:
-        raise ModelError(f"{path}: holds a broken array ({json_file.brief(error)})") from None
+    with checks.refusing(ModelError, f"{path}: holds a broken array: "):
+        return unpacked(content["settings"]), unpacked(content["state"])

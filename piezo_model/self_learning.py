@@ -250,9 +250,11 @@ class SelfLearningCompensator(Stateful):
     def counts(self) -> dict[str, int]:
         """Numbers of verdicts on samples, of hand-overs, of refusals of new weights, and of those refusals because the
         output falls as the input rises."""
-        verdicts = self._core["guard"][-len(Verdict) :]
         return {
-            **{verdict.name.lower(): int(count) for verdict, count in zip(Verdict, verdicts, strict=True)},
+            **{
+                verdict.name.lower(): int(count)
+                for verdict, count in zip(Verdict, self._core["guard"][-len(Verdict) :], strict=True)
+            },
             **{name: int(self._memory[name]) for name in ("hand_overs", "refusals", "reversed")},
         }
 
@@ -392,15 +394,16 @@ class SelfLearningCompensator(Stateful):
                 )
             return cls._resumed(path)
         deployment = Deployment.load(path)
-        chosen: dict[str, Any] = {
+        options = {
             "solver": deployment.solver,
             "x_limits": deployment.x_limits,
             "mode": deployment.mode,
             "model": deployment.model,
             "solver_options": deployment.options,
+            **options,
         }
         with checks.refusing(ModelError, f"{path}: "):
-            return cls(deployment.model.structure, **{**chosen, **options})
+            return cls(deployment.model.structure, **options)
 
     @classmethod
     def _resumed(cls, path: str | Path) -> Self:
@@ -489,9 +492,10 @@ class SelfLearningCompensator(Stateful):
         P, q, lower = core["P"].reshape(s.d, s.d).copy(), core["q"].copy(), core["lower"].copy()
         c = 0.5 * float(full_gram(core["data" if self._cyclic else "gram"], s)[-1, -1])
         program = solvers.Problem(P, q, lb=lower, ub=np.full(q.size, np.inf))
-        start = np.maximum(core["start"], lower)
         try:
-            answer = solved(self.settings.solver, self.settings.solver_options, program, start, c)
+            answer = solved(
+                self.settings.solver, self.settings.solver_options, program, np.maximum(core["start"], lower), c
+            )
         except Exception as error:  # no exception of a library may stop the compensator
             bindings.learner_refuse(core.block)
             self._note("refused", f"the solver {self.settings.solver} failed: {error}")
@@ -512,8 +516,7 @@ class SelfLearningCompensator(Stateful):
             return
         state = OperatorState(core["block_play"], core["block_creep"]).rescaled_to(old, new)
         self._memory["level"] *= (old.x_scale / new.x_scale) ** 2
-        # these weights may not have been handed over yet
-        learned = HysteresisCreepModel.from_weights(old, old.slope_map @ core["in_use"])
+        learned = HysteresisCreepModel.from_weights(old, self.learned_weights)  # which may not be handed over yet
         model = carried_over(learned, new).with_dynamics_of(self.model)
         self.compensator.change_model(model, self.settings.blend_time_s)
         self._begin(state, resets=False)

@@ -20,6 +20,7 @@ from piezo_model import (
     HysteresisCreepModel,
     ModelError,
     ModelStructure,
+    SelfLearningCompensator,
 )
 from piezo_model.deployment import read_learner, write_learner
 from solvers.core import bindings
@@ -193,6 +194,8 @@ def test_a_truncated_bank_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "bad.json").write_bytes((tmp_path / "bank.json").read_bytes()[:5000])
     with pytest.raises(ModelError, match=r"bad\.json: is not a whole JSON file"):
         CompensatorBank.load(tmp_path / "bad.json")
+    with pytest.raises(ModelError, match=r"bank\.json: does not hold a whole compensator: there is no field"):
+        SelfLearningCompensator.load(tmp_path / "bank.json")
     np.savez(tmp_path / "old.npz", about=np.array('{"format": "piezobench-bank", "version": 6}'))
     with pytest.raises(ModelError, match=r"old\.npz: a bank's file of version 6 or before, .* load it with"):
         CompensatorBank.load(tmp_path / "old.npz")

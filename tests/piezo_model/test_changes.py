@@ -107,13 +107,20 @@ OF_LEARNER: dict[str, Callable[[Any], Any]] = {
     "of a log in words": restored("log", value="none"),
     "of a last drive of no number": restored("last_x", value=NAN),
     "an endless drive": lambda c: c.observe([np.inf], [0.0]),
+    "outputs of other drives": lambda c: c.observe([1.0], [0.0, 1.0]),
 }
 OF_BANK: dict[str, Callable[[Any], Any]] = {
     "a model of a stage too late": lambda b: b.set_model(1, UNSTABLE),
+    "a model of dynamics without room": lambda b: b.set_model(1, replace(SHAKY, left_out=MODEL.dynamics)),
+    "a model for one more": lambda b: b.set_model([0, 2], MODEL),
+    "one more that begins nowhere": lambda b: b.add(1, x_start=NAN),
+    "twenty more with a flag too few": lambda b: b.add(20, learn=[True] * 19),
     "the same actuator twice": restored("slots", value=np.zeros(2, np.int64)),
     "slots that are no array": restored("slots", value=[0, 1]),
     "no core": lambda b: b.restore({"slots": b.get_state()["slots"]}),
-    "of dynamics": restored("dynamics", value=np.ones((2, 3))),
+    "of dynamics": restored("dynamics", value=[SHAKY.dynamics.to_dict()] * 2),
+    "of dynamics in numbers": restored("dynamics", value=np.ones((2, 3))),
+    "of one actuator's dynamics": restored("dynamics", value=[None]),
     "of another structure": lambda b: b.restore(OTHER),
 }
 WAYS = {compensator: OF_COMPENSATOR, learner: OF_LEARNER, bank: OF_BANK}
