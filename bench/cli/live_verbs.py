@@ -1,20 +1,21 @@
 """The verb that moves a stage: ``live`` runs a compensator on one, with a page in the browser."""
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from bench.cli.options import NoDynamics, check_writable, require
-from bench.live.device import Declared, DeviceFile, Simulated
-from bench.live.session import check, run
+from bench.live.device import Declared, SimulatedStage, stage_of
+from bench.live.session import run, stream_beside
 from bench.live.settings import REFERENCES, Learn, LiveSettings, first_model
 from bench.report.console import console
 from piezo_model.units import quantity
 
 SHARE = 0.6
 """Peak-to-peak height of the default sine of a simulated stage, as a share of the output's range."""
-FASTEST_HZ = 20_000.0
+FASTEST_HZ = 10_000.0
 
 
 def live_verb(
@@ -41,14 +42,6 @@ def live_verb(
         str | None,
         typer.Option("--sine", metavar="5Hz:10um", help="Sine reference: frequency and amplitude, optionally :centre."),
     ] = None,
-    staircase_words: Annotated[
-        str | None,
-        typer.Option(
-            "--staircase",
-            metavar="0.5s:4um:8",
-            help="Staircase reference: hold time, step height and number of levels.",
-        ),
-    ] = None,
     set_point: Annotated[
         float | None, typer.Option(metavar="Y", help="Constant reference in the output's unit.")
     ] = None,
@@ -64,7 +57,6 @@ def live_verb(
     record: Annotated[
         Path | None, typer.Option(metavar="FILE.parquet", help="File for the recording, which identify can read.")
     ] = None,
-    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Seed of the simulated sensor's noise.")] = 0,
     page: Annotated[
         bool, typer.Option("--page/--no-page", help="Whether to serve a page that shows and steers the run.")
     ] = True,
@@ -82,7 +74,7 @@ def live_verb(
         "--simulate KIND | --device STAGE.py",
         "give either a simulated actuator or the file of a stage",
     )
-    values = zip(REFERENCES, (reference, sine_words, staircase_words, set_point), strict=True)
+    values = zip(REFERENCES, (reference, sine_words, set_point), strict=True)
     given = {option: value for option, value in values if value is not None}
     named = [*given][:2]
     require(len(given) < 2, "".join(named[1:]), f"{' and '.join(named)} are two references, and one can be followed")
@@ -93,13 +85,13 @@ def live_verb(
             f"{record} is written as Parquet, so its name must end in .parquet",
         )
         check_writable(record, "--record", [reference, model])
-        check(record)
-    require(integral_gain <= rate, "--integral-gain", f"must be at most the rate, {rate:g} 1/s, not {integral_gain:g}")
-    stage = Simulated(simulate, 1.0 / rate, seed) if simulate is not None else DeviceFile(Path(str(device)))
-    declared = Declared.of(stage.make(), str(stage))
+        stream, move = stream_beside(record), f"move it away, or choose another name than {record.name}"
+        require(not record.exists(), "--record", f"{record}: is a recording; {move}")
+        require(not stream.exists(), "--record", f"{stream}: was left by a run that did not come to its end; {move}")
+    make = partial(SimulatedStage, simulate, 1.0 / rate) if simulate is not None else partial(stage_of, device)
+    name = str(device) if simulate is None else f"simulated {simulate}"
+    declared = Declared.of(make(), name)
     first = first_model(model, declared, 1.0 / rate, dynamics=not no_dynamics)
-    if integral_gain > 0.0:
-        first.require_stable(integral_gain)
     low, high = sorted(declared.y_range)
     default = (
         {"--sine": f"1Hz:{0.5 * SHARE * (high - low):g}{declared.output_unit}"}
@@ -107,8 +99,11 @@ def live_verb(
         else {"--set-point": 0.5 * (low + high)}
     )
     ((option, value),) = (given or default).items()
-    wanted = REFERENCES[option](value, declared.output_unit, declared.y_range, 1.0 / rate)
-    settings = LiveSettings(stage, declared, first, model is not None, learn, integral_gain, wanted, rate, seconds)
+    samples, words = REFERENCES[option](value, declared.output_unit, declared.y_range, 1.0 / rate)
+    settings = LiveSettings(
+        make, name, declared, first, model is not None, learn, integral_gain, samples, words, rate, seconds
+    )
+    settings.compensator()  # or a sentence why there is none
     inverted = settings.lag_s and (
         f"The output lags the reference by {quantity(settings.lag_s, 's', 3)}, since the dynamics of the stage are "
         "inverted."

@@ -1,48 +1,195 @@
-"""The control loop: at every sampling period it writes the drive and reads the measured output, on an absolute
-schedule.
+"""The process of the loop, from top to bottom: whatever ends the run, the stage comes to rest.
+
+It opens the stage, whose drive is at rest, and follows the reference: at every sampling period it writes the drive and
+reads the measured output, on an absolute schedule. If the time is over, somebody asks for it, the command dies, the
+stage or the compensator fails, or the sensor is silent for ``timeout_s``, the drive ramps to rest at the stage's rate
+limit. While it calls the stage, a timer of the kernel runs (SIGALRM), which ends the process if the call takes longer
+than the stage may, whatever the call is doing and whoever else is alive. Then, and if this process dies, or the stage
+takes no drive for ``timeout_s``, the process that stands by opens the stage anew and ramps it to rest (`stand_by`).
 
 Sample k is due at t_0 + k T. The service time is from the start of a sample to its end, the response time from its due
 time to its end. If the response exceeds T, the deadline was missed; the due times that have passed meanwhile are
 skipped, and each is a missed deadline too. The drive always changes by at most rate · T a sample and stays within the
-limits; every run ends with a ramp to rest.
-
-The loop has a process and a core of its own and waits for no other process: see `board`. While it calls the stage a
-timer of the kernel runs (SIGALRM), which ends the process if the call takes longer than the stage may, whatever the
-call is doing and whoever else is alive. Another process, which has been waiting for that, opens the stage anew and
-ramps it to rest: :func:`stand_by`.
+limits. The loop waits for no other process: see `board`.
 """
 
 import gc
 import math
-import multiprocessing
 import os
 import signal
 import time
+from bisect import bisect
 from collections.abc import Callable, Iterator
-from contextlib import suppress
-from multiprocessing.connection import wait
+from itertools import islice
+from typing import Any
 
-from bench.live.board import FOLLOW, Board, State, bin_of
-from bench.live.controller import Controller
-from bench.live.device import Device
+from bench.live.board import EDGES_US, FOLLOW, LONGEST, Board, State
 from bench.live.settings import LiveSettings
-from bench.timing import cores
 from bench.timing.schedule import SPIN_NS, wait_until
+from piezo_model import Compensator, SelfLearningCompensator
+from piezo_model.recordings.table import first_line
 from piezo_model.units import quantity
 
 LEAD_NS = 20_000_000
 """From the start of a schedule to its first due time."""
-NULL_S = 1.0
-"""Length of the null loop, which does nothing on the same schedule before the stage is opened."""
-PRIORITY, WAKE_NS, SHORTEST_NS = 50, 40_000, 100_000
-"""Real-time scheduling: priority, how long before a due time the loop begins to spin, and the shortest sampling period
-that leaves the system enough of the core; with a shorter one, Linux would stop the loop for 50 ms of every second."""
+PRIORITY, WAKE_NS = 50, 40_000
+"""Real-time scheduling: priority, and how long before a due time the loop begins to spin. Some of each period must be
+left to the system, which would stop the loop for 50 ms of every second otherwise."""
 OPENING_S, CLOSING_S = 60.0, 10.0
 """Longest times in which a stage may open and close."""
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """Signals that end a run; they are blocked while a process of the run starts."""
 SHOW_S = 0.5
 """Interval at which events of learning are shown."""
+OVER, ASKED = "the time is over", "asked to stop"
+"""Why a run ends if nothing has failed."""
+
+
+def main(settings: LiveSettings, board: Board, core: int, lock: object) -> None:
+    """Run the process, on a core of its own as long as it has its lock."""
+    handle_signals(lambda *_: setattr(board, "stop", 1))
+    os.sched_setaffinity(0, {core})
+    spin_ns = real_time()
+    null_loop(board, settings.rate, spin_ns)
+    board.drive = settings.declared.rest
+    drive(settings, board, spin_ns, settings.compensator())
+
+
+def drive(
+    settings: LiveSettings,
+    board: Board,
+    spin_ns: int = SPIN_NS,
+    compensator: Compensator | SelfLearningCompensator | None = None,
+) -> None:
+    """Open the stage, run the loop and close the stage; the board's reason says what cannot be done."""
+    signal.setitimer(signal.ITIMER_REAL, OPENING_S)
+    done = "opened"
+    try:
+        stage = settings.make()
+        stage.open()
+        done = "closed"
+        gc.collect()
+        gc.disable()
+        board.state = State.FOLLOWING if compensator else State.RAMPING_TO_REST
+        loop = Loop(settings, board, stage, compensator)
+        try:
+            loop.run(spin_ns)
+        except Exception as error:  # of the compensator, which the ramp to rest does not need
+            loop.end(f"the loop failed: {first_line(error)}")
+            loop.run(spin_ns)
+        signal.setitimer(signal.ITIMER_REAL, CLOSING_S)
+        stage.close()
+    except (Exception, SystemExit) as error:
+        board.reason = f"{board.reason}; it cannot be {done}: {first_line(error)}".removeprefix("; ")[:LONGEST]
+
+
+class Loop:
+    """Drives an open stage from the drive on the board until it is at rest; without a compensator it only ramps."""
+
+    def __init__(
+        self,
+        settings: LiveSettings,
+        board: Board,
+        stage: Any,
+        compensator: Compensator | SelfLearningCompensator | None,
+    ) -> None:
+        self._settings, self._board, self._stage = settings, board, stage
+        self._compensator, self._y, self._set_point = compensator, math.nan, FOLLOW
+        self._silent_ns = 0
+        """Since when the sensor has been silent; 0 if it is not."""
+        self._failing_ns = 0 if compensator else time.perf_counter_ns()
+        """Since when the stage has not answered, or not this process; 0 if it does."""
+
+    def run(self, spin_ns: int) -> None:
+        """Follow the reference until the end, then ramp to rest, which the board's state says if the stage is there; it
+        is not if it takes no drive any more."""
+        board, rate, limit_s = self._board, self._settings.rate, self._settings.limit_s
+        before = board.last[0] + 1.0 / rate if board.head else 0.0
+        for k, due, skipped in schedule(rate, spin_ns):
+            signal.setitimer(signal.ITIMER_REAL, limit_s)
+            if board.state == State.FOLLOWING:
+                self.obey(k)
+            start = time.perf_counter_ns()
+            reference = self._settings.reference
+            y_ref = float(reference[k % reference.size]) if self._set_point == FOLLOW else self._set_point
+            self.exchange(self.next_drive(y_ref))
+            end = time.perf_counter_ns()
+            board.write((before + k / rate, y_ref, board.drive, self._y))
+            board.missed += skipped + (end - due > 1e9 / rate)
+            board.service[bisect(EDGES_US, 1e-3 * (end - start))] += 1
+            if (
+                board.state == State.RAMPING_TO_REST
+                and not self._failing_ns
+                and board.drive == self._settings.declared.rest
+            ):
+                board.state = State.AT_REST if self._compensator else State.BROUGHT_TO_REST
+                break
+            if self._failing_ns and end - self._failing_ns > 1e9 * limit_s:
+                break
+            if board.head % math.ceil(SHOW_S * rate) == 0:
+                self.show()
+
+    def obey(self, k: int) -> None:
+        """End the run if it is over at sample k, and follow the set point of the board."""
+        board, settings = self._board, self._settings
+        if 0.0 < settings.seconds * settings.rate <= k:
+            self.end(OVER)
+        if os.getppid() != settings.command:
+            self.end("the process that watches the loop has died")
+        if board.stop:
+            self.end(ASKED)
+        if board.set_point != self._set_point:
+            self._set_point = board.set_point
+            held = quantity(self._set_point, settings.declared.output_unit, 6)
+            board.log(f"follows {settings.words}" if self._set_point == FOLLOW else f"holds {held}")
+
+    def end(self, reason: str) -> None:
+        """Begin the ramp to rest, unless it has begun."""
+        board = self._board
+        if board.state == State.FOLLOWING:
+            board.log(f"ramp to rest: {reason}")
+            board.reason, board.followed, board.state = reason[:LONGEST], board.head, State.RAMPING_TO_REST
+
+    def next_drive(self, y_ref: float) -> float:
+        """The drive that the compensator requests, or rest, as far as the rate limit allows."""
+        declared, x = self._settings.declared, self._board.drive
+        if self._failing_ns:  # the stage may have taken it, or not
+            return x
+        step = declared.rate_limit / self._settings.rate
+        target = self.compensate(y_ref) if self._board.state == State.FOLLOWING else declared.rest
+        return min(max(target, x - step), x + step)
+
+    def compensate(self, y_ref: float) -> float:
+        """The drive for a reference, within the limits, given the output that the last drive produced."""
+        if isinstance(self._compensator, SelfLearningCompensator):
+            return self._compensator.step(y_ref, self._y)
+        assert self._compensator is not None
+        self._compensator.correct(self._y)
+        return self._compensator.step(y_ref)
+
+    def exchange(self, x: float) -> None:
+        """Write the drive and read the output; a failure ends the run, and so does a silent sensor."""
+        self._board.drive, self._y = x, math.nan  # before the stage has it: a rescue must not jump
+        try:
+            measured = self._stage.exchange(x)
+            if isinstance(measured, bool) or not hasattr(measured, "__float__"):
+                raise TypeError(f"it returned {measured!r} and no number")
+            self._y, self._failing_ns = float(measured), 0
+        except (Exception, SystemExit) as error:
+            self._failing_ns = self._failing_ns or time.perf_counter_ns()
+            self.end(f"the stage failed: {first_line(error)}")
+        now = time.perf_counter_ns()
+        self._silent_ns = 0 if math.isfinite(self._y) else self._silent_ns or now
+        if self._silent_ns and now - self._silent_ns > 1e9 * self._settings.limit_s:
+            self.end(f"no measurement for {self._settings.declared.timeout_s:g} s")
+
+    def show(self) -> None:
+        """Show what has been learned."""
+        if isinstance(self._compensator, SelfLearningCompensator):
+            self._board.hand_overs, log = self._compensator.counts["hand_overs"], self._compensator.log
+            while log:
+                event = log.popleft()
+                self._board.log(f"{event.what}: {event.message}")
 
 
 def schedule(rate: float, spin_ns: int) -> Iterator[tuple[int, int, int]]:
@@ -57,6 +204,21 @@ def schedule(rate: float, spin_ns: int) -> Iterator[tuple[int, int, int]]:
         k, skipped = newest, newest - k - 1
 
 
+def null_loop(board: Board, rate: float, spin_ns: int) -> None:
+    """Count the deadlines that a loop that does nothing misses on this machine, among those of about a second."""
+    for _, due, skipped in islice(schedule(rate, spin_ns), round(rate)):
+        board.null_missed += skipped + (time.perf_counter_ns() - due > 1e9 / rate)
+
+
+def real_time() -> int:
+    """Request real-time scheduling; return how long before a due time to spin, ns: without it, sleeps end late."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    except PermissionError:
+        return SPIN_NS
+    return WAKE_NS
+
+
 def handle_signals(handler: Callable[..., object] | signal.Handlers) -> None:
     """Handle the signals that end a run, but those that the caller ignores, as nohup does.
 
@@ -66,178 +228,3 @@ def handle_signals(handler: Callable[..., object] | signal.Handlers) -> None:
         signal.signal(number, handler)
     signal.signal(signal.SIGTSTP, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
-
-
-class Loop:
-    """One run from the drive on the board; if the board's state is RAMPING, only the ramp to rest."""
-
-    def __init__(self, board: Board, device: Device, settings: LiveSettings, spin_ns: int = SPIN_NS) -> None:
-        self._board, self._device, self._settings, self._spin_ns = board, device, settings, spin_ns
-        self._controller = Controller(settings)
-        self._x, self._y, self._set_point = float(board.drive[0]), math.nan, FOLLOW
-        self._ramping, self._answered_ns, self._measured_ns = board.state == State.RAMPING, 0, 0
-
-    def next_drive(self, reference: float) -> float:
-        """The drive that the compensator requests, or rest, within limits and rate."""
-        stage, requested = (
-            self._settings.declared,
-            math.nan if self._ramping else self._controller.step(reference, self._y),
-        )
-        target = requested if math.isfinite(requested) else stage.rest
-        (low, high), step = stage.x_limits, stage.rate_limit / self._settings.rate
-        return min(max(target, self._x - step, low), self._x + step, high)
-
-    def exchange(self, x: float) -> None:
-        """Write the drive and read the output; a failure ends the run, and the same drive is written again."""
-        self._board.drive[0] = x  # before the stage has it: a rescue must not jump
-        try:
-            measured = self._device.exchange(x)
-            if isinstance(measured, bool) or not hasattr(measured, "__float__"):
-                raise TypeError(f"it returned {measured!r} and no number")
-            self._x, self._y, self._answered_ns = x, float(measured), time.perf_counter_ns()
-        except (Exception, SystemExit) as error:
-            self._y = math.nan
-            self.end(f"the stage failed: {words_of(error)}", failed=True)
-        if math.isfinite(self._y):
-            self._measured_ns = self._answered_ns
-        elif time.perf_counter_ns() - self._measured_ns > 1e9 * self._settings.limit_s:
-            self.end(f"no measurement for {self._settings.declared.timeout_s:g} s", failed=True)
-
-    def end(self, reason: str, failed: bool = False) -> None:
-        """Begin the ramp to rest, unless it has begun."""
-        if not self._ramping:
-            self._ramping, self._board.reason = True, reason
-            self._board.log(f"ramp to rest: {reason}")
-            self._board.set(followed=self._board.head, failed=failed, state=State.RAMPING)
-
-    def obey(self) -> None:
-        """Carry out the requests on the board."""
-        board, set_point = self._board, float(self._board.set_point[0])
-        if board.stop:
-            self.end("asked to stop")
-        if set_point != self._set_point:
-            self._set_point = set_point
-            board.log(
-                f"follows {self._settings.reference.words}"
-                if set_point == FOLLOW
-                else f"holds {quantity(set_point, self._settings.declared.output_unit, 6)}"
-            )
-
-    def run(self) -> None:
-        """Follow the reference until the end, then ramp to rest; the board's state is ENDED unless the stage takes no
-        drive any more."""
-        board, rate = self._board, self._settings.rate
-        last, show_every = self._settings.seconds * rate or math.inf, max(1, round(SHOW_S * rate))
-        before = board.last[0] + 1.0 / rate if board.head else 0.0
-        self._answered_ns = self._measured_ns = time.perf_counter_ns() + LEAD_NS
-        for k, due, skipped in schedule(rate, self._spin_ns):
-            signal.setitimer(signal.ITIMER_REAL, self._settings.limit_s)
-            if k >= last:
-                self.end("the time is over")
-            if is_orphan():
-                self.end("the process that watches the loop has died")
-            if not self._ramping:
-                self.obey()
-            start = time.perf_counter_ns()
-            reference = self._settings.reference.at(k) if self._set_point == FOLLOW else self._set_point
-            # a drive whose exchange failed is written again: the stage may have taken it
-            self.exchange(self.next_drive(reference) if board.drive[0] == self._x else float(board.drive[0]))
-            end = time.perf_counter_ns()
-            board.write((before + k / rate, reference, self._x, self._y))
-            board.set(missed=board.missed + skipped + (end - due > 1e9 / rate))
-            board.service[bin_of(end - start)] += 1
-            # the stage may have taken a drive that it did not answer
-            if self._ramping and self._x == board.drive[0] == self._settings.declared.rest:
-                board.set(state=State.ENDED)
-                break
-            if end - self._answered_ns > 1e9 * self._settings.limit_s:
-                break
-            if not self._ramping and board.head % show_every == 0:
-                self._controller.show(board)
-
-
-def is_orphan() -> bool:
-    """Whether the process that started this one has died."""
-    parent = multiprocessing.parent_process()
-    return parent is not None and os.getppid() != parent.pid
-
-
-def real_time(rate: float) -> int:
-    """Request real-time scheduling; return how long before a due time to spin, ns: without it, sleeps end late."""
-    if 1e9 / rate < SHORTEST_NS:
-        return SPIN_NS
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
-    except PermissionError:
-        return SPIN_NS
-    return WAKE_NS
-
-
-def null_loop(board: Board, rate: float, spin_ns: int) -> None:
-    """Count the deadlines that a loop that does nothing misses on this machine."""
-    samples = missed = 0
-    for k, due, skipped in schedule(rate, spin_ns):
-        if k >= NULL_S * rate:
-            break
-        samples, missed = samples + 1, missed + skipped + (time.perf_counter_ns() - due > 1e9 / rate)
-    board.set(null_missed=missed, null_samples=samples)
-
-
-def main(settings: LiveSettings, board: Board) -> None:
-    """Process of the loop, which has a core of its own until it ends."""
-    handle_signals(lambda *_: board.set(stop=1))
-    core = cores.claim()
-    if is_orphan():  # while it waited for the core
-        return
-    board.set(core=core.number)
-    os.sched_setaffinity(0, {core.number})
-    spin_ns = real_time(settings.rate)
-    null_loop(board, settings.rate, spin_ns)
-    board.drive[0] = settings.declared.rest
-    _drive(settings, board, spin_ns)
-
-
-def stand_by(settings: LiveSettings, board: Board, loop: int) -> None:
-    """Process that waits for the end of the loop, whose process id is given; if the stage is not at rest then, it opens
-    it anew and ramps it to rest from the last drive."""
-    handle_signals(signal.SIG_IGN)
-    with suppress(ProcessLookupError):  # it has ended already
-        wait([os.pidfd_open(loop)])
-    if board.state in (State.FOLLOWING, State.RAMPING):
-        board.set(followed=board.followed or board.head, state=State.RAMPING, rescued=1)
-        _drive(settings, board, SPIN_NS)
-
-
-def _drive(settings: LiveSettings, board: Board, spin_ns: int) -> None:
-    """Open the stage, run the loop and close the stage; the board's reason says what cannot be done.
-
-    The state is STARTING until the stage is open, or RAMPING from the start.
-    """
-    signal.setitimer(signal.ITIMER_REAL, OPENING_S)
-    done = "opened"
-    try:
-        device = settings.device.make()
-        loop = Loop(board, device, settings, spin_ns)
-        device.open()
-        done = "closed"
-        gc.collect()
-        gc.disable()
-        if board.state == State.STARTING:
-            board.set(state=State.FOLLOWING)
-        else:
-            device.exchange(float(board.drive[0]))  # the stage may have taken it or not
-        try:
-            loop.run()
-        except Exception as error:  # of the compensator, which the ramp to rest does not need
-            loop.end(f"the loop failed: {words_of(error)}", failed=True)
-            loop.run()
-        signal.setitimer(signal.ITIMER_REAL, CLOSING_S)
-        device.close()
-    except (Exception, SystemExit) as error:
-        board.set(failed=1)
-        board.reason = f"{board.reason}; it cannot be {done}: {words_of(error)}".removeprefix("; ")
-
-
-def words_of(error: BaseException) -> str:
-    """The message of an exception on one line, or its name."""
-    return " ".join(str(error).split()) or type(error).__name__

@@ -9,209 +9,129 @@ passes that check, but does not know the path.
 
 import secrets
 import socket
-from collections.abc import Callable, Mapping
 from contextlib import suppress
-from functools import partial
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from threading import Thread
 from typing import Any
-from urllib.parse import urlsplit
 
 import msgspec
 import numpy as np
-import pandas as pd
 
-from bench.live.board import FOLLOW, Board, State, edges_us, rms
+from bench.live.board import EDGES_US, FOLLOW, Board, State
 from bench.live.device import DeviceError
-from bench.live.settings import LiveSettings
+from bench.live.settings import LiveSettings, SettingsError, set_point
 from bench.rendering import markup_templates
 from bench.report import vega
-from bench.report.report import GREY, PALETTE, Axis, Mark, Plot
-from piezo_model.units import quantity, shown
-from solvers.arrays import Vector
+from bench.report.report import GREY, PALETTE
+from piezo_model.units import shown
 
 WINDOW_S, MOST_POINTS = 5.0, 400
-STATES = {
-    State.STARTING: "starting",
-    State.FOLLOWING: "following",
-    State.RAMPING: "ramping to rest",
-    State.ENDED: "at rest; the run is over",
-}
-REFERENCE, MEASURED = "reference", "measured"
-LOOKS = {REFERENCE: (GREY, 5.0), MEASURED: (PALETTE[0], 1.6)}
-"""Colour and width of each line; a measurement that follows the reference would hide a narrow one."""
 LONGEST = 100
 """Longest text of a set point that is read."""
 
 
-def plots(settings: LiveSettings) -> dict[str, Plot]:
-    """The plots by their titles."""
-    unit, time = shown(settings.declared.output_unit), Axis("x", "time, s")
-
-    def lines(*names: str) -> Plot:
-        return Plot(
-            time,
-            Axis("y", unit),
-            [Mark("line", "name", where={"name": [name]}, size=LOOKS[name][1], along="k") for name in names],
-            colours={name: LOOKS[name][0] for name in names},
-            height=200,
-        )
-
-    return {
-        "Reference and measurement": lines(REFERENCE, MEASURED),
-        "Tracking error": lines(MEASURED),
-        "Service time, and the deadline": Plot(
-            Axis("from_us", "µs", log=True, values=[10.0**k for k in range(-1, 8)]),
-            Axis("samples", "samples"),
-            (Mark("bar", x2="to_us", y2="zero", colour=PALETTE[0]),),
-            rules={"x": 1e6 / settings.rate},
-            height=200,
-        ),
+def html(settings: LiveSettings) -> bytes:
+    """The page, which asks for its :func:`state`."""
+    constants = {
+        "unit": shown(settings.declared.output_unit),
+        "deadline": 1e6 / settings.rate,
+        "edges": EDGES_US,
+        "colours": {"reference": GREY, "measured": PALETTE[0]},
+        "config": vega.CONFIG,
     }
-
-
-def tables(settings: LiveSettings, board: Board) -> tuple[list[dict[str, Any]], float]:
-    """Columns of the table of each plot, and the RMS of the tracking error; the reference that counts, late by the lag,
-    begins a window earlier than what is shown."""
-    window = round(WINDOW_S * settings.rate)
-    samples = board.read(max(0, board.head - 2 * window))[1]
-    late = settings.late(samples[:, 1])
-    t, reference, _, measured, late = np.column_stack([samples, late])[-window:].T
-    error, thin = measured - late, max(1, t.size // MOST_POINTS)
-
-    def lines(series: Mapping[str, Vector]) -> dict[str, Any]:
-        """The lines one after the other, so that the last one is drawn on top."""
-        thinned = t[::thin]
-        return {
-            "name": np.repeat([*series], thinned.size),
-            "k": np.tile(np.arange(thinned.size), len(series)),
-            "x": np.tile(thinned, len(series)),
-            "y": np.concatenate([y[::thin] for y in series.values()]),
-        }
-
-    edges, counts = edges_us(), board.service.copy()
-    bins = np.flatnonzero(counts)
-    return [
-        lines({REFERENCE: reference, MEASURED: measured}),
-        lines({MEASURED: error}),
-        {"from_us": edges[bins], "to_us": edges[bins + 1], "samples": counts[bins], "zero": np.zeros(bins.size)},
-    ], rms(error)
-
-
-def status(settings: LiveSettings, board: Board, error: float) -> list[str]:
-    """State and performance of the loop in sentences."""
-    measured = quantity(error, settings.declared.output_unit, 3)
-    learning = f", learning, {board.hand_overs} hand-overs"
-    return [
-        f"{settings.device}, {settings.reference.words}: {STATES[State(board.state)]}"
-        f"{'' if settings.learn == 'off' else learning}.",
-        f"Tracking error{settings.after_lag} over the last {WINDOW_S:g} s: {measured} RMS.",
-        board.timing(),
-    ]
+    page = markup_templates("bench.live").get_template("page.html.jinja")
+    centre = f"{0.5 * sum(settings.declared.y_range):g}"
+    return page.render(constants=constants, centre=centre, library=vega.library()).encode()
 
 
 def state(settings: LiveSettings, board: Board) -> bytes:
     """What the page shows now, as JSON; null is a number that is not finite."""
-    columns, error = tables(settings, board)
+    window = round(WINDOW_S * settings.rate)
+    samples = board.read(max(0, board.head - 2 * window))[1]  # the reference that counts may be an earlier one
+    errors, tracking = settings.tracking(samples, window)
+    drawn = np.column_stack([samples[-window:][:, [0, 1, 3]], errors])
+    what = State(board.state).name.lower().replace("_", " ")
+    learning = "" if settings.learn == "off" else f", learning, {board.hand_overs} hand-overs"
     return msgspec.json.encode(
         {
-            "status": status(settings, board, error),
+            "status": [
+                f"{settings.name}, {settings.words}: {what}{learning}.",
+                tracking,
+                board.timing(settings.rate),
+            ],
             "events": board.last_events()[::-1],
-            "tables": [{name: values.tolist() for name, values in table.items()} for table in columns],
+            "samples": drawn[:: max(1, len(drawn) // MOST_POINTS)].tolist(),
+            "service": list(board.service),
         }
     )
 
 
 def ask(settings: LiveSettings, board: Board, request: str, text: str) -> str:
     """Write a request of the page on the board, a set point from text; returns what is wrong with it, or ""."""
-    low, high = sorted(settings.declared.y_range)
+    unit, y_range = settings.declared.output_unit, settings.declared.y_range
     if request == "stop":
-        board.set(stop=1)
-        return ""
-    hold = {"follow": FOLLOW, "hold": min(max(float(board.last[1]), low), high)}
-    try:
-        value = hold[request] if request in hold else float(text)
-    except ValueError:
-        value = np.nan
-    if request != "follow" and not low <= value <= high:
-        return f"The set point must be a number from {low:g} to {high:g} {shown(settings.declared.output_unit)}."
-    board.set_point[0] = value
+        board.stop = 1
+    elif request == "follow":
+        board.set_point = FOLLOW
+    elif request == "hold":
+        board.set_point = min(max(board.last[1], min(y_range)), max(y_range))
+    else:
+        try:
+            board.set_point = set_point(text, unit, y_range, 1.0 / settings.rate)[0][0]
+        except SettingsError as error:
+            return f"{error}."
     return ""
+
+
+class Page(ThreadingHTTPServer):
+    """The server of a run's page, which prints its address; DeviceError if nobody can listen there."""
+
+    def __init__(self, settings: LiveSettings, board: Board, host: str, port: int) -> None:
+        self.run, self.path = (settings, board), f"/{secrets.token_urlsafe(16)}"
+        name, self.address_family = (f"[{host}]", socket.AF_INET6) if ":" in host else (host, socket.AF_INET)
+        try:
+            super().__init__((host, port), _Handler)
+        except OSError as error:
+            raise DeviceError(
+                f"the page cannot be at {name}:{port}: {error.strerror}; --port or --host names another place"
+            ) from None
+        there = socket.gethostname() if self.server_address[0] in ("0.0.0.0", "::") else name
+        print(f"Page: http://{there}:{port}{self.path}", flush=True)
+        Thread(target=self.serve_forever, daemon=True).start()
 
 
 class _Handler(BaseHTTPRequestHandler):
     """Answers at the secret path of a run's page."""
 
-    protocol_version, disable_nagle_algorithm = "HTTP/1.1", True
-
-    def __init__(self, settings: LiveSettings, board: Board, path: str, *connection: Any) -> None:
-        self._run, self._path = (settings, board), path
-        super().__init__(*connection)
+    server: Page
 
     def handle(self) -> None:
         with suppress(ConnectionError):  # a tab was closed
             super().handle()
 
     def do_GET(self) -> None:
-        if self.path == self._path:
-            self._send(200, html(*self._run), "text/html")
-        elif self.path == f"{self._path}/state":
-            self._send(200, state(*self._run), "application/json")
+        if self.path == self.server.path:
+            self._send(html(self.server.run[0]), "text/html")
+        elif self.path == f"{self.server.path}/state":
+            self._send(state(*self.server.run), "application/json")
         else:
-            self._send(404)
+            self.send_error(404)
 
     def do_POST(self) -> None:
-        (path, _, request), origin = self.path.rpartition("/"), self.headers["Origin"]
+        (path, _, request), host = self.path.rpartition("/"), self.headers["Host"]
         text = self.rfile.read(min(int(self.headers["Content-Length"] or 0), LONGEST)).decode(errors="replace")
-        if path != self._path:
-            self._send(404)
-        elif origin is not None and urlsplit(origin).netloc != self.headers["Host"]:
-            self._send(403)
+        if path != self.server.path:
+            self.send_error(404)
+        elif self.headers["Origin"] not in (None, f"http://{host}", f"https://{host}"):
+            self.send_error(403)
         else:
-            self._send(200, ask(*self._run, request, text).encode())
+            self._send(ask(*self.server.run, request, text).encode(), "text/plain")
 
-    def _send(self, code: int, body: bytes = b"", kind: str = "text/plain") -> None:
-        self.send_response(code)
+    def _send(self, body: bytes, kind: str) -> None:
+        self.send_response(200)
         self.send_header("Content-Type", f"{kind}; charset=utf-8")
-        self.send_header("Content-Length", str(len(body)))
         self.end_headers()
         self.wfile.write(body)
 
     def log_message(self, *_: Any) -> None:
         """Print nothing."""
-
-
-class _Server6(ThreadingHTTPServer):
-    address_family = socket.AF_INET6
-
-
-def html(settings: LiveSettings, board: Board) -> bytes:
-    """The page."""
-    (low, high), unit = sorted(settings.declared.y_range), shown(settings.declared.output_unit)
-    drawn = {
-        title: vega.specification(pd.DataFrame(table), plot)
-        for (title, plot), table in zip(plots(settings).items(), tables(settings, board)[0], strict=True)
-    }
-    page = markup_templates("bench.live").get_template("page.html.jinja")
-    return page.render(plots=drawn, library=vega.library(), centre=f"{0.5 * (low + high):g}", unit=unit).encode()
-
-
-def listen(settings: LiveSettings, board: Board, address: tuple[str, int]) -> Callable[[], None]:
-    """Listen at an address, and return a function that serves the page there and prints its address.
-
-    DeviceError if nobody can listen there.
-    """
-    (host, port), path = address, f"/{secrets.token_urlsafe(16)}"
-    name, server_type = (f"[{host}]", _Server6) if ":" in host else (host, ThreadingHTTPServer)
-    try:
-        server = server_type(address, partial(_Handler, settings, board, path))
-    except OSError as error:
-        raise DeviceError(
-            f"the page cannot be at {name}:{port}: {error.strerror}; --port or --host names another place"
-        ) from None
-
-    def serve() -> None:
-        there = socket.gethostname() if host in ("", "0.0.0.0", "::") else name
-        print(f"Page: http://{there}:{port}{path}", flush=True)
-        server.serve_forever()
-
-    return serve

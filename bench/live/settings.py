@@ -1,30 +1,31 @@
-"""Settings of a live run: its stage, its first model, and its reference, which is a sine or staircase given in words, a
-file, or a set point.
-
-sine 5Hz:10um[:2um]           frequency, amplitude, and centre (the middle of the range by default)
-staircase 0.5s:4um:8          time and height of a level, and number of levels
-"""
+"""Settings of a live run: its stage, its first model, and its reference, which is a sine in words, a file or a set
+point."""
 
 import math
+import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
-from bench.live.device import Declared, DeviceFile, Simulated
-from piezo_model import HysteresisCreepModel, ModelStructure, checks, deployment, recordings
+from bench.live.device import Declared
+from piezo_model import (
+    Compensator,
+    HysteresisCreepModel,
+    ModelStructure,
+    SelfLearningCompensator,
+    checks,
+    deployment,
+    recordings,
+)
 from piezo_model.model import ModelError
-from piezo_model.units import quantity, shown
-from solvers.arrays import Vector
+from piezo_model.units import conversion, quantity, shown
+from solvers.arrays import Matrix, Vector
 
 Learn = Literal["continuous", "cyclic", "off"]
-N, M = 5, 3
-"""Orders of the model that a run without a file learns."""
-CREEP_TIMES_S = (0.1, 1.0, 10.0)
-"""Reciprocals of its creep rates."""
 SWEPT, BEYOND = 1_000, 0.01
 """Samples of the sweep through the drive's limits, and largest excess over the outputs that it reaches, as a share of
 them, that is not mentioned: creep reaches a little further."""
@@ -32,37 +33,32 @@ MOST_SAMPLES = 100_000
 """Most samples of a sine before it repeats, unless one period is longer."""
 
 
-class ReferenceError(ValueError):
-    """A reference that cannot be followed; the message is one sentence."""
-
-
-@dataclass(frozen=True)
-class Reference:
-    """A sequence of samples, repeated."""
-
-    samples: Vector
-    """Shape (N,), output unit."""
-    words: str
-
-    def at(self, k: int) -> float:
-        """Sample k."""
-        return float(self.samples[k % self.samples.size])
+class SettingsError(ValueError):
+    """Settings that no run can have; the message is one sentence."""
 
 
 @dataclass(frozen=True)
 class LiveSettings:
-    """Settings of a run, which can be sent to the process of the loop."""
+    """Settings of a run, which can be sent to its processes."""
 
-    device: DeviceFile | Simulated
+    make: Callable[[], Any]
+    """Makes the stage, not yet open."""
+    name: str
+    """Of the stage."""
     declared: Declared
     model: HysteresisCreepModel
     identified: bool
     """Whether the model is from a file, rather than the straight line through the ranges."""
     learn: Learn
     integral_gain: float
-    reference: Reference
+    reference: Vector
+    """Samples in the output unit, repeated. Shape (N,)."""
+    words: str
+    """What the reference is."""
     rate: float
     seconds: float
+    command: int = field(default_factory=os.getpid)
+    """Process that starts, watches and records the run."""
 
     @property
     def limit_s(self) -> float:
@@ -74,22 +70,40 @@ class LiveSettings:
         """Time by which the output lags a slow reference, since the dynamics of the first model are inverted."""
         return 0.0 if self.model.dynamics is None else self.model.dynamics.lag_s(1.0 / self.rate)
 
-    @property
-    def after_lag(self) -> str:
-        """What a tracking error counts after, in words."""
-        return " after the lag" * (self.lag_s > 0.0)
+    def compensator(self) -> Compensator | SelfLearningCompensator:
+        """The compensator, with its actuator at rest; SettingsError if no compensator can have these settings."""
+        drive: dict[str, Any] = {
+            "x_limits": self.declared.x_limits,
+            "rate_limit": self.declared.rate_limit,
+            "x_start": self.declared.rest,
+            "integral_gain": self.integral_gain,
+        }
+        with checks.refusing(SettingsError, f"{self.name}: "):
+            if self.learn == "off":
+                return Compensator(self.model, **drive)
+            known = self.model if self.identified else None
+            return SelfLearningCompensator(
+                self.model.structure, mode=self.learn, solver="box_active_set", model=known, **drive
+            )
 
-    def late(self, reference: Vector) -> Vector:
-        """The reference (N,) that the output is to follow, late by the lag."""
-        k = np.arange(reference.size)
-        return np.interp(k - self.lag_s * self.rate, k, reference) if k.size else reference
+    def tracking(self, samples: Matrix, last: int) -> tuple[Vector, str]:
+        """The errors of the last of these samples of a board against the reference, late by the lag, and their RMS in a
+        sentence, which is empty if nothing was measured."""
+        k = np.arange(len(samples))
+        late = np.interp(k - self.lag_s * self.rate, k, samples[:, 1]) if k.size else samples[:, 1]
+        errors = (samples[:, 3] - late)[-last:]
+        known = errors[np.isfinite(errors)]
+        if not known.size:
+            return errors, ""
+        rms = quantity(math.sqrt(np.mean(known**2)), self.declared.output_unit, 3)
+        after_lag = " after the lag" * (self.lag_s > 0.0)
+        return errors, f"Tracking error{after_lag} over the last {errors.size / self.rate:.3g} s: {rms} RMS."
 
     def out_of_reach(self) -> str:
         """What of the reference the stage cannot follow by its first model, in a sentence; empty if it can."""
-        up, wanted = np.linspace(*self.declared.x_limits, SWEPT), self.reference.samples
+        up, wanted = np.linspace(*self.declared.x_limits, SWEPT), self.reference
         y = self.model.static.simulate(np.concatenate([up, up[::-1]]))
-        low, high = y.min() - BEYOND * np.ptp(y), y.max() + BEYOND * np.ptp(y)
-        if low <= wanted.min() and wanted.max() <= high:
+        if max(y.min() - wanted.min(), wanted.max() - y.max()) <= BEYOND * np.ptp(y):
             return ""
         ends = [quantity(float(end), self.declared.output_unit, 3) for x in (wanted, y) for end in (x.min(), x.max())]
         return "The reference goes from {} to {}, and the stage, by its model, from {} to {}.".format(*ends)
@@ -105,12 +119,12 @@ def first_model(
     """
     if file is None:
         structure = ModelStructure.equidistant(
-            N,
-            M,
-            declared.x_limits,
-            declared.y_range,
-            tuple(1.0 / time for time in CREEP_TIMES_S),
-            sample_time,
+            n=5,
+            m=3,
+            x_range=declared.x_limits,
+            y_range=declared.y_range,
+            creep_rates=(10.0, 1.0, 0.1),
+            sample_time=sample_time,
             input_unit=declared.input_unit,
             output_unit=declared.output_unit,
         )
@@ -121,91 +135,65 @@ def first_model(
     return replace(model, structure=model.structure.in_units(declared.input_unit, declared.output_unit, str(file)))
 
 
-def set_point(value: float, unit: str, y_range: tuple[float, float], sample_time: float) -> Reference:
+def set_point(value: float | str, unit: str, y_range: tuple[float, float], sample_time: float) -> tuple[Vector, str]:
     """One output within the range."""
-    if not min(y_range) <= value <= max(y_range):
-        raise ReferenceError(
-            f"--set-point {value:g} is outside of the stage's range, {min(y_range):g} to {max(y_range):g} {unit}"
-        )
-    return Reference(np.array([value]), f"set point {quantity(value, unit)}")
+    low, high = sorted(y_range)
+    with checks.refusing(SettingsError):
+        within = f"a number from {low:g} to {high:g} {shown(unit)}"
+        checks.require(lambda y: low <= float(y) <= high, within, **{"the set point": value})
+    return np.array([float(value)]), f"set point {quantity(float(value), unit)}"
 
 
-def sine(text: str, unit: str, y_range: tuple[float, float], sample_time: float) -> Reference:
-    """A sine from words such as ``5Hz:10um``.
+def sine(text: str, unit: str, y_range: tuple[float, float], sample_time: float) -> tuple[Vector, str]:
+    """A sine from words such as ``5Hz:10um`` or ``5Hz:10um:2um``: frequency, amplitude, and centre, which is the middle
+    of the range by default.
 
     Examples
     --------
-    >>> sine("1Hz:0.01mm", "um", (0.0, 6.0), 0.25).samples.round(9).tolist()
+    >>> sine("1Hz:0.01mm", "um", (0.0, 6.0), 0.25)[0].round(9).tolist()
     [3.0, 13.0, 3.0, -7.0]
     """
-    frequency, amplitude, *more = _quantities("--sine", text, ("Hz", unit, unit), 2)
+    try:
+        frequency, amplitude, *more = (_value(part, unit if k else "Hz") for k, part in enumerate(text.split(":")))
+        (centre,) = more or [0.5 * sum(y_range)]
+        checks.finite(amplitude=amplitude, centre=centre)
+    except ValueError:
+        raise SettingsError(
+            f"--sine {text}: must be a frequency in Hz and an amplitude in {shown(unit)}, such as 5Hz:10um, and "
+            "perhaps a centre"
+        ) from None
     if not 0.0 < frequency < 0.5 / sample_time:
-        raise ReferenceError(
+        raise SettingsError(
             f"--sine {text}: the frequency must be positive and below half the sampling rate, {0.5 / sample_time:g} Hz"
         )
     phase = frequency * sample_time
     # a number of whole periods that takes a whole number of samples
     repeats = Fraction(1.0 / phase).limit_denominator(max(1, round(MOST_SAMPLES * phase)))
     phases = np.arange(repeats.numerator) * repeats.denominator % repeats.numerator / repeats.numerator
-    centre = more[0] if more else 0.5 * sum(y_range)
-    return Reference(centre + amplitude * np.sin(2.0 * math.pi * phases), f"sine {text}")
+    return centre + amplitude * np.sin(2.0 * math.pi * phases), f"sine {text}"
 
 
-def staircase(text: str, unit: str, y_range: tuple[float, float], sample_time: float) -> Reference:
-    """Levels up and down again from words such as ``0.5s:4um:8``.
-
-    Examples
-    --------
-    >>> staircase("1s:2um:3", "um", (-5.0, 5.0), 1.0).samples.tolist()
-    [-2.0, 0.0, 2.0, 0.0]
-    """
-    hold, height, count = _quantities("--staircase", text, ("s", unit, ""), 3)
-    held, levels = round(hold / sample_time), round(count)
-    if held < 1 or levels < 2:
-        raise ReferenceError(f"--staircase {text}: needs at least two levels, each held for a sample or longer")
-    steps = np.array([*range(levels), *range(levels - 2, 0, -1)]) - 0.5 * (levels - 1)
-    return Reference(np.repeat(0.5 * sum(y_range) + height * steps, held), f"staircase {text}")
+def _value(text: str, unit: str) -> float:
+    """The value in this unit of a number, which may have a unit of its own; ValueError for anything else."""
+    own = text.lstrip("+-.0123456789e")
+    return float(text.removesuffix(own)) * conversion("", "value", own or unit, unit)[0]
 
 
-def of_file(path: Path, unit: str, y_range: tuple[float, float], sample_time: float) -> Reference:
+def of_file(path: Path, unit: str, y_range: tuple[float, float], sample_time: float) -> tuple[Vector, str]:
     """The reference column of a file, in the unit and of the sampling time of the stage."""
     found = recordings.read_reference(path).suited(unit)
     if abs(found.sample_time / sample_time - 1.0) > 0.01:
-        raise ReferenceError(
+        raise SettingsError(
             f"{path}: is sampled every {found.sample_time:g} s, and every {sample_time:g} s is needed; "
             f"use --rate {1.0 / found.sample_time:g}"
         )
-    return Reference(found.values, found.units.rstrip(".") or path.name)
+    return found.values, found.units.rstrip(".") or path.name
 
 
-REFERENCES: Mapping[str, Callable[..., Reference]] = {
+REFERENCES: Mapping[str, Callable[..., tuple[Vector, str]]] = {
     "--reference": of_file,
     "--sine": sine,
-    "--staircase": staircase,
     "--set-point": set_point,
 }
-"""What makes a reference of an option's value, the unit and the range of the output, and the sampling time."""
-
-
-def _quantities(option: str, text: str, units: tuple[str, ...], fewest: int) -> list[float]:
-    """Values in these units of the parts between colons; a number without a unit is in its unit."""
-    parts = text.split(":")
-    if not fewest <= len(parts) <= len(units):
-        raise ReferenceError(f"{option} {text}: {fewest} parts between colons are needed")
-    import pint  # which takes long, and the processes of a run do not need
-
-    registry: Any = pint.UnitRegistry()
-    values = []
-    for part, unit in zip(parts, units, strict=False):
-        try:
-            value = registry.Quantity(part)
-            values.append(
-                float(value.magnitude if value.dimensionless else value.to(unit or "dimensionless").magnitude)
-            )
-            if not math.isfinite(values[-1]):
-                raise ValueError
-        except (pint.errors.PintError, ValueError, TypeError, AttributeError, AssertionError):
-            raise ReferenceError(
-                f"{option} {text}: {part!r} is not a number{f' in {shown(unit)}' if unit else ''}"
-            ) from None
-    return values
+"""What makes samples of a reference, and its words, of an option's value, the unit and the range of the output, and the
+sampling time."""

@@ -66,9 +66,8 @@ class Mark:
     along: str = ""
     """Column that orders the points of a line, by default the horizontal one, or the parts of a bar."""
     x: str = ""
-    """Column instead of the horizontal axis's own; ``x2`` and ``y2`` are the other end of a bar or range."""
+    """Column instead of the horizontal axis's own; ``x2`` is the other end of a bar or range."""
     x2: str = ""
-    y2: str = ""
     share: bool = False
     """Whether bars are stacked as shares of their sum."""
 

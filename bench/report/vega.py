@@ -122,7 +122,6 @@ def _layer(table: pd.DataFrame, plot: Plot, mark: Mark, legend: bool) -> dict[st
     }
     optional: dict[str, Any] = {
         "x2": mark.x2 and {"field": mark.x2},
-        "y2": mark.y2 and {"field": mark.y2},
         **_coloured(plot, mark, is_line, is_point, legend),
         "text": mark.kind == "text" and {"field": "name"},
         "detail": is_line and "name" in table and {"field": "name", "type": "nominal"},

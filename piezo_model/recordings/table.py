@@ -237,6 +237,6 @@ def check_sample_time(label: str, seconds: float) -> None:
         raise RecordingError(f"{label}the sampling period must be from {least:g} to {most:g} s, not {seconds}")
 
 
-def first_line(error: Exception) -> str:
+def first_line(error: BaseException) -> str:
     """First line of an error's message, or its type."""
     return str(error).strip().splitlines()[0].rstrip(".") if str(error).strip() else type(error).__name__

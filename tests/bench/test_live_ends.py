@@ -383,10 +383,9 @@ def test_a_stage_that_does_not_open_within_a_minute_is_refused(stage: Stage, pie
 def test_a_compensator_that_fails_does_not_keep_the_stage_from_rest(stage: Stage, tmp_path: Path) -> None:
     script = tmp_path / "run.py"
     script.write_text(
-        "from bench.live import controller\nfrom bench.cli.app import run\n"
-        "class Fails(controller.Controller):\n    def step(self, y_ref, y): 1 / 0\n"
-        "controller.Controller = Fails\n"
-        f"if __name__ in ('__main__', '__mp_main__'): import bench.live.loop; bench.live.loop.Controller = Fails\n"
+        "import piezo_model\nfrom bench.cli.app import run\n"
+        "class Fails(piezo_model.SelfLearningCompensator):\n    def step(self, y_ref, y): 1 / 0\n"
+        "import bench.live.settings\nbench.live.settings.SelfLearningCompensator = Fails\n"
         "if __name__ == '__main__': raise SystemExit(run("
         f"['live', '--device', {str(stage.file)!r}, '--no-page', '--rate', '100']))\n"
     )
