@@ -88,7 +88,9 @@ def live_verb(
         stream, move = stream_beside(record), f"move it away, or choose another name than {record.name}"
         require(not record.exists(), "--record", f"{record}: is a recording; {move}")
         require(not stream.exists(), "--record", f"{stream}: was left by a run that did not come to its end; {move}")
-    make = partial(SimulatedStage, simulate, 1.0 / rate) if simulate is not None else partial(stage_of, device)
+    make = (
+        partial(SimulatedStage, simulate, 1.0 / rate) if simulate is not None else partial(stage_of, Path(str(device)))
+    )
     name = str(device) if simulate is None else f"simulated {simulate}"
     declared = Declared.of(make(), name)
     first = first_model(model, declared, 1.0 / rate, dynamics=not no_dynamics)

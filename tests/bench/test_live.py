@@ -272,10 +272,9 @@ def test_the_board_hands_over_samples_and_events_in_their_order_and_a_recording_
     board.log("fünf " * 100)
     assert board.last_events()[0].startswith(f"{0.1 * (sent - 1):.3f} s: fünf")
     over.set()
-    stage = Declared("V", "um", (0.0, 1.0), (0.0, 1.0), 1.0, 0.0)
-    said = record(board, path := tmp_path / "run.parquet", stage, over)
-    lacks = f"{start} before {0.1 * start:.3f} s"
-    assert said == f"Recording: {path}, without samples that the disk was too slow for: {lacks}"
+    declared, path = Declared("V", "um", (0.0, 1.0), (0.0, 1.0), 1.0, 0.0), tmp_path / "run.parquet"
+    lacks = f"without samples that the disk was too slow for: {start} before {0.1 * start:.3f} s"
+    assert record(board, path, declared, over) == f"Recording: {path}, {lacks}"
     np.testing.assert_array_equal(pd.read_parquet(path).displacement_um, samples[:, 3])
 
 
