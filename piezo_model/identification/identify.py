@@ -312,12 +312,10 @@ class Fitting:
     def judged(self, final: Final) -> tuple[Adequacy, Fit]:
         """Whether the fit is adequate, and its errors."""
         recording, fit, skip = self.recording, final.fit, self.prepared.skip
-        s = fit.structure
-        found = fit_of(recording, s, recording.y - s.y_centre - s.y_scale * fit.y_model, skip, self.span)
-        if final.drift is not None:
-            recording = replace(recording, y=s.y_centre + s.y_scale * (fit.y_model + fit.error))
-        ignored = self.options.dynamics == "ignore"
-        verdict = check_adequacy(recording, fit, skip, self.solving, found, dynamics_ignored=ignored)
+        s, modelled = fit.structure, fit.structure.y_centre + fit.structure.y_scale * fit.y_model
+        steady = recording if final.drift is None else replace(recording, y=modelled + s.y_scale * fit.error)
+        found, judged = (fit_of(each, s, each.y - modelled, skip, self.span) for each in (recording, steady))
+        verdict = check_adequacy(steady, fit, skip, judged)
         refusal = None if self.separated.finding is None else self.separated.finding.refusal
         return replace(verdict, refusal=refusal or verdict.refusal), found
 

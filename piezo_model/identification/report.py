@@ -32,6 +32,8 @@ FIGURES = {
 }
 MOST = 7
 """Most findings; further ones are said on the page."""
+NO_LOOP = 0.2
+"""Largest width of a loop, per cent of the output's range, that is none."""
 FAR_MORE = 3.0
 """Smallest ratio of the largest errors of skipped and counted samples that indicates a transient."""
 
@@ -73,6 +75,7 @@ class FitReport:
             **own,
             **asdict(self.solving),
             **asdict(self.adequacy),
+            "hysteresis": self.hysteresis,
             **({} if self.selection is None else {"selection": self.selection.to_dict()}),
             "headline": headline,
             "drive": {**own["drive"], "sentence": self._drive_sentence},
@@ -81,6 +84,13 @@ class FitReport:
             "advice": list(self._advice()),
             "sentences": [*filter(None, (headline, self.units)), *findings, *self._facts(s)],
         }
+
+    @property
+    def hysteresis(self) -> bool:
+        """Whether the data admit a loop, by the upper end of its interval."""
+        width = self.figures["hysteresis_percent"]
+        intervals = {} if self.intervals is None else self.intervals["figures"]
+        return float(intervals.get("hysteresis_percent", [width])[-1]) > NO_LOOP
 
     @property
     def _drive_sentence(self) -> str:
@@ -98,7 +108,7 @@ class FitReport:
                 "The output falls as the input rises; model, inverse and compensator have that sign.",
             ),
             (
-                not verdict.hysteresis,
+                not self.hysteresis,
                 "No hysteresis: the data lie on a single curve, which a line describes to "
                 f"{percent(fit.line_percent)}, a cubic to {percent(fit.cubic_percent)} and this model to "
                 f"{percent(fit.rms_percent)}.",
@@ -122,11 +132,6 @@ class FitReport:
                 fit.skipped,
                 f"The first {fit.skipped} samples ({quantity(fit.skipped * s.sample_time, 's', 3)}) are excluded"
                 f"{cause}; the error there reaches {percent(fit.skipped_max_percent)}.",
-            ),
-            (
-                verdict.spikes,
-                f"The output has spikes in {verdict.spikes} sample{'s' * (verdict.spikes > 1)}, of up to "
-                f"{percent(verdict.spike_percent)} of the range; they are counted as if the stage moved.",
             ),
         ):
             if applies:
@@ -161,7 +166,6 @@ class FitReport:
                 f"The drive never reached the thresholds of {unreached}; these weights stay at their reference.",
             ),
             *((True, f"The data cannot separate the weights {names}.") for names in self.excitation.undetermined),
-            (True, self.adequacy.baseline.sentence),
         ):
             if applies:
                 yield str(sentence)

@@ -14,7 +14,6 @@ from piezo_model import HysteresisCreepModel, Recording, identify
 from piezo_model.identification import gram_matrix, start
 from piezo_model.identification.autocorrelation import autocorrelation_time, independent_samples
 from piezo_model.identification.creep import holds
-from piezo_model.identification.fit_errors import alternate_blocks
 from piezo_model.model import ModelError
 
 SAMPLE_TIME = 5e-3
@@ -83,12 +82,11 @@ def test_a_part_without_a_counted_output_takes_the_start_of_the_others() -> None
     assert len(model.report["parts"]) == 2
 
 
-def test_blocks_and_holds_of_a_part_do_not_depend_on_the_others() -> None:
+def test_holds_of_a_part_do_not_depend_on_the_others() -> None:
     held = np.concatenate([swelling(3.0, 500), np.full(150, 5.0)])
     drives = [held, held[::-1].copy(), held]
     made = joined([(drive, UP) for drive in drives])
     assert [np.unique(holds(made)[part]).tolist() for part in (slice(0, 650), slice(650, 1300))] == [[-1, 0], [-1, 1]]
-    np.testing.assert_array_equal(alternate_blocks(made)[:650], alternate_blocks(made)[1300:])
 
 
 def test_independent_samples_are_counted_in_each_part_and_no_correlation_crosses_them() -> None:
