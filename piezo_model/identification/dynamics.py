@@ -192,31 +192,27 @@ class Lag:
     """Whether the gain is clear."""
 
     def sentence(self, sample_time: float) -> str:
-        """The lag in words."""
+        """The lag in words, and what to do about it."""
         if not self.is_significant:
             clear = f"clear lag, but may have one of up to {quantity(self.at_most_s, 's', 2)}"
             perhaps = f"{clear}; record steps to determine it" if self.at_most_s > sample_time else "lag"
             return f"The output shows no {perhaps}."
         samples = f"{self.samples:.2f} samples" + " or more, the search limit," * self.at_edge
         amplifier = f", of an amplifier with {quantity(self.amplifier_s, 's', 3)}" if self.amplifier_s else ""
-        where = "; it is in the model" if self.in_model else "; it is left out as the sensor's" * self.removed
+        where = (
+            "it is in the model"
+            if self.in_model
+            else "it is left out as the sensor's, and a loop that the sensor closes has it"
+            if self.removed
+            else "align input and output first"
+            if self.at_edge
+            else "take it into the model with --dynamics estimate, or remove it with --lag remove"
+        )
         return (
             f"The output lags by {samples} ({quantity(self.samples * sample_time, 's', 3)}){amplifier}: in a first fit "
             f"the RMS error is {self.error_without_lag_percent:.3f} % of the range without a lag and "
-            f"{self.error_percent:.3f} % with it{where}."
+            f"{self.error_percent:.3f} % with it; {where}."
         )
-
-    @property
-    def advice(self) -> str:
-        """What to do about it; "" for nothing."""
-        if self.removed:
-            return "The model is without the lag of the sensor; a loop that the sensor closes has it."
-        if self.in_model or not self.is_significant:
-            return ""
-        if self.at_edge:
-            limit = f"{self.samples:.0f} samples, the search limit"
-            return f"Align input and output first: the lag may be longer than {limit}."
-        return "Take the lag into the model with the option --dynamics estimate, or remove it with --lag remove."
 
 
 @dataclass(frozen=True)

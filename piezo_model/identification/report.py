@@ -204,5 +204,3 @@ class FitReport:
             )
         if self.adequacy.monotonic_drive or self.fit.samples < self.fit.skipped:
             yield "Record a few whole loops more."
-        if self.lag is not None and self.lag.advice:
-            yield self.lag.advice

@@ -96,7 +96,7 @@ def test_a_whole_and_a_fractional_lag_are_identified_and_reported(tenths: int, c
     assert found["samples"] == pytest.approx(tenths / fine, abs=0.03)
     assert found["removed"] == (choice == "remove")
     assert found["error_percent"] < 0.2 * found["error_without_lag_percent"]
-    (sentence,) = sentences(model, f"{found['samples']:.2f} samples")  # the advice does not repeat the number
+    (sentence,) = sentences(model, f"{found['samples']:.2f} samples")
     assert ("left out as the sensor's" in sentence) == (choice == "remove")
     with_lag = identify(x[fine * 20 :: fine], y, s, lag="ignore")
     assert model.report["fit"]["skipped"] == 0

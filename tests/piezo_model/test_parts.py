@@ -106,7 +106,7 @@ def test_sweeps_below_each_other_do_not_show_a_lag_that_the_sensor_has_not(lag: 
     made = joined([(swelling(2.0, 2000), np.zeros(3)), (swelling(8.0, 2000), np.zeros(3))], noise=1e-3)
     model = identify(made, lag=lag)
     assert not model.report["lag"]["is_significant"]
-    assert not any("lag" in advice for advice in model.report["advice"])
+    assert not any("lags by" in finding for finding in model.report["findings"])
 
 
 def test_a_long_recording_gives_the_model_of_all_of_it_from_a_million_rows(monkeypatch: pytest.MonkeyPatch) -> None:
