@@ -9,10 +9,8 @@ import numpy as np
 
 from solvers.arrays import Mask, Matrix, Vector
 
-DEVIATIONS = 1.96
-"""Standard deviations of a 95 % interval at either side."""
-WINDOW = 6.0
-"""Length of the sum of autocorrelations, in autocorrelation times."""
+DEVIATIONS, WINDOW = 1.96, 6.0
+"""Standard deviations of a 95 % interval at either side; length of the sum of autocorrelations, in its times."""
 
 
 def autocorrelation_time(errors: Sequence[Vector]) -> float:

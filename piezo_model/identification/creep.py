@@ -37,34 +37,27 @@ from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Index, Mask, Matrix, Vector
 
-PLAYS, KNOTS = 10, 6
-"""Thresholds above zero of the regression, and knots of each function over the whole range; twice as many for r = 0."""
-ENOUGH = 2000
-"""Samples from which the regression has all of them."""
-SAMPLES = 20_000
-"""Samples, spread over the recording, of the regression."""
-RANK = 1e-12
-"""Smallest eigenvalue of the columns' Gram matrix, as a share of the largest, that is no rounding error."""
-INFORMATION = 0.03
-"""Smallest share of a creep state that the regression leaves."""
-LARGEST = 0.1
-"""Largest creep that is admitted, as a share of the movement in a decade of time."""
-DRIVEN = 0.09
-"""Smallest share of a creep state that the regression, a drift and all decays of an earlier state leave."""
-SHARE, CHI_SQUARE = 0.5, 25.0
-"""Smallest share of the explainable error that creep explains, and smallest (κ / se)²."""
+PLAYS, KNOTS, SAMPLES, ENOUGH = 10, 6, 20_000, 2000
+"""Thresholds above zero of the regression, and knots of each function over the whole range, twice as many for r = 0;
+its samples, spread over the recording, and those from which it has all columns."""
+RANK, INFORMATION, DRIVEN = 1e-12, 0.03, 0.09
+"""Smallest eigenvalue of the columns' Gram matrix, as a share of the largest, that is no rounding error; smallest share
+of a creep state that the regression leaves, and that it, a drift and all decays of an earlier state leave."""
+LARGEST, NEGLIGIBLE = 0.1, 0.005
+"""Largest creep that is admitted, and its upper limit below which the recording shows none, as shares of the movement
+in a decade of time."""
+SHARE, CHI_SQUARE, MARGIN = 0.5, 25.0, 2.0
+"""Smallest share of the explainable error that creep explains, smallest (κ / se)², and standard errors by which the
+weight of a model may differ from its estimate here."""
 DRIFT_INFORMATION, DRIFT_SHARE, DRIFT_CHI_SQUARE = 0.3, 0.5, 16.0
-SHORTEST_HOLD, STEADY = 100, 1e-3
-"""Fewest samples of a hold, and largest range of the drive in it, as a share of its whole range."""
-HELD_SHARE = 0.1
-"""Smallest share of held samples at which they are judged alone."""
-NEGLIGIBLE = 0.005
-"""Upper limit of creep, as a share of the movement in a decade of time, below which the recording shows none."""
-UNDETERMINED = "Creep is not determined by this recording; hold a step for a minute."
-INDISTINCT = "Creep cannot be distinguished from hysteresis in this recording; hold a step for a minute."
-ABSENT = "The recording shows no creep, although its drive would show it."
-MARGIN = 2.0
-"""Standard errors by which the weight of a model may differ from its estimate here."""
+SHORTEST_HOLD, STEADY, HELD_SHARE = 100, 1e-3, 0.1
+"""Fewest samples of a hold; largest range of the drive in it, as a share of its whole range; smallest share of held
+samples at which they are judged alone."""
+UNDETERMINED, INDISTINCT, ABSENT = (
+    "Creep is not determined by this recording; hold a step for a minute.",
+    "Creep cannot be distinguished from hysteresis in this recording; hold a step for a minute.",
+    "The recording shows no creep, although its drive would show it.",
+)
 
 Columns = list[tuple[Vector, float]]
 """Columns (M,), each with the limit of its coefficient."""
@@ -78,14 +71,9 @@ class Bounded:
     se: float
 
     @property
-    def highest(self) -> float:
-        """Upper limit of the weight in a model."""
-        return self.value + MARGIN * self.se
-
-    @property
-    def lowest(self) -> float:
-        """Lower limit of the weight in a model."""
-        return self.value - MARGIN * self.se
+    def limits(self) -> tuple[float, float]:
+        """Those of the weight in a model."""
+        return self.value - MARGIN * self.se, self.value + MARGIN * self.se
 
 
 @dataclass(frozen=True)
@@ -139,7 +127,7 @@ class CreepEvidence:
         if self.creep is None or not s.creep_rates:
             return None
         limits = np.zeros(s.n + 1)
-        limits[0] = self.creep.highest * float(np.mean(fit.v[fit.structure.slices[1]]))
+        limits[0] = self.creep.limits[1] * float(np.mean(fit.v[fit.structure.slices[1]]))
         return limits
 
 
@@ -222,10 +210,10 @@ def _judged(
     begin at the edges."""
     left, used = _residual(null, np.hstack([signals, states, decays]))
     error, drift, states_left = left[:, 0], left[:, 1], left[:, 2 : 2 + len(rates)]
-    sizes = _norms(states - states.mean(axis=0))
-    informed = _norms(states_left) >= INFORMATION * sizes
+    sizes = np.linalg.norm(states - states.mean(axis=0), axis=0)
+    informed = np.linalg.norm(states_left, axis=0) >= INFORMATION * sizes
     steady = _residual(np.hstack([drift[:, None], left[:, 2 + len(rates) :]]), states_left)[0]
-    driven = bool(np.any(_norms(steady) >= DRIVEN * sizes))
+    driven = bool(np.any(np.linalg.norm(steady, axis=0) >= DRIVEN * sizes))
     known = float(np.linalg.norm(drift) / np.linalg.norm(signals[:, 1]))
     admitted = tuple(rate for rate, good in zip(rates, informed, strict=True) if good)
     creeping = [(states_left[:, informed].sum(axis=1), LARGEST)] if admitted else []
@@ -238,7 +226,7 @@ def _judged(
     share, chi_square = _gain(error, drifting, creeping, independent)
     unlimited = [(column, math.inf) for column, _ in creeping]
     absent = driven and bool(creeping)
-    absent = absent and 0.0 <= _fit(error, unlimited + drifting, independent)[0][0].highest < NEGLIGIBLE
+    absent = absent and 0.0 <= _fit(error, unlimited + drifting, independent)[0][0].limits[1] < NEGLIGIBLE
     if not (creeping and share >= SHARE and chi_square >= CHI_SQUARE):
         creeping = []
     explained, significance = _gain(error, creeping, drifting, independent)
@@ -255,11 +243,6 @@ def _judged(
         absent,
         independent_samples(np.split(left_over, edges)),
     )
-
-
-def _norms(columns: Matrix) -> Vector:
-    """Euclidean norm of each column (M, k)."""
-    return np.asarray(np.linalg.norm(columns, axis=0))
 
 
 def _fit(error: Vector, columns: Columns, independent: Callable[[Vector], float]) -> tuple[list[Bounded], Vector]:
@@ -290,7 +273,7 @@ def _gain(
 
 def _residual(columns: Matrix, signals: Matrix) -> tuple[Matrix, int]:
     """What the columns (M, p) leave of signals (M, k), and their rank."""
-    columns = columns / np.maximum(_norms(columns), np.finfo(float).tiny)
+    columns = columns / np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
     values, vectors = np.linalg.eigh(columns.T @ columns)
     kept = values > RANK * values[-1]
     basis = columns @ (vectors[:, kept] / np.sqrt(values[kept]))

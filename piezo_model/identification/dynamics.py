@@ -27,6 +27,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from scipy.signal import correlate
 from scipy.stats import f as f_distribution
 
 from piezo_model import checks
@@ -55,47 +56,28 @@ from solvers.arrays import Mask, Vector
 DynamicsChoice = Literal["estimate", "ignore"]
 LagChoice = Literal["estimate", "remove", "ignore"]
 
-GAIN = 0.02
-"""Smallest share of the whitened squares that a mode has to explain."""
-LEAST_DAMPED, MOST_DAMPED = 1e-3, 0.9
-UNCERTAIN = 0.03, 0.1
-"""Largest standard error of a frequency, as a share of it, or of it and the damping ratio."""
-CHANCE = 1e-3
-"""Largest probability of the gain on held-out data without a mode."""
-SIGNIFICANT = 4.0
-"""Smallest gain on held-out data, in its standard errors."""
-SAMPLES = 100_000
-"""Samples from the start that decide."""
-DELAY = 0.7
-"""Delay in samples with which fits begin."""
-WHOLE = 0.7
-"""Share of the static gain below which a fit begins with the residual compliance of the scan, too."""
+GAIN, NOTABLE = 0.02, 0.1
+"""Smallest share of the whitened squares that a mode has to explain, and that at which one that is not kept is worth a
+sentence."""
+LEAST_DAMPED, MOST_DAMPED, UNCERTAIN = 1e-3, 0.9, (0.03, 0.1)
+"""Bounds of a damping, and largest standard error of a frequency, as a share of it, or of it and the damping ratio."""
+SAMPLES, CHANCE, SIGNIFICANT, DELAY, WHOLE = 100_000, 1e-3, 4.0, 0.7, 0.7
+"""Samples from the start that decide; largest probability of the gain on held-out data without a mode, and the smallest
+gain in its standard errors; delay in samples with which fits begin, and share of the static gain below which
+one begins with the residual compliance of the scan, too."""
 ORDERS = 20, 5
 """Orders n and m that the fits have beside those of the start: what plays are too few for is taken for dynamics, and
 moves the frequency."""
-APART = 0.1
-"""Smallest difference of the logarithms of two frequencies."""
-STEPS, FOLD_STEPS = 6, 1
-PERIODS, SHORTEST = 3.0, 20
-"""Periods, and fewest samples, of a block."""
-RINGING = 0.5
-"""RMS of a further mode at which the model does not describe the stage, per cent of the output's range."""
-NOTABLE = 0.1
-"""Smallest share of the squares that a mode explains in the scan at which it is worth a sentence if it is not kept."""
-LIGHTLY_DAMPED = 0.25
-"""Largest damping of a mode beside another, and of one that is not kept to be worth a sentence: with more, what the
-hysteresis leaves is alike."""
-SMALLEST_LAG = 0.1
-"""Smallest lag in samples that is worth a sentence."""
-LAG_GAIN = 0.1
-"""Smallest gain of the error by a lag."""
-CLEAR = 0.5
-"""Largest ratio of the squares with an amplifier's lag to those with a delay alone at which it is one: a smooth drive
-hardly tells them apart."""
-RESOLUTION = 0.01
-"""Distance from the longest lag, in samples, at which it may be longer."""
-LAG_STEPS = 10
-"""Most steps of the fit of a lag, of which each finds about a sample."""
+STEPS, FOLD_STEPS, PERIODS, SHORTEST = 6, 1, 3.0, 20
+"""Steps of a fit and of one without some blocks, and periods, and fewest samples, of a block."""
+RINGING, APART, LIGHTLY_DAMPED = 0.5, 0.1, 0.25
+"""RMS of a further mode at which the model does not describe the stage, per cent of the output's range; smallest
+difference of the logarithms of two frequencies; largest damping of a mode beside another, and of one that is not kept
+to be worth a sentence: with more, what the hysteresis leaves is alike."""
+SMALLEST_LAG, LAG_GAIN, CLEAR, RESOLUTION, LAG_STEPS = 0.1, 0.1, 0.5, 0.01, 10
+"""Of a lag: the smallest in samples that is worth a sentence; smallest gain of the error; largest ratio of the squares
+with that of an amplifier to those with a delay alone, which a smooth drive hardly tells apart; distance from the
+longest one, in samples, at which it may be longer; most steps of its fit, of which each finds about a sample."""
 
 
 @dataclass(frozen=True)
@@ -142,24 +124,23 @@ class DynamicsFinding:
         """What a user should know."""
         notable = self.gain >= NOTABLE and self.held_out_percent[1] <= self.held_out_percent[0]
         evident = notable and max(self.damping) < LIGHTLY_DAMPED
-        if self.refusal is not None or not (self.kept or evident):
+        if self.refusal is not None or not self.kept:
+            if self.refusal is None and evident:
+                yield (
+                    f"A faint resonance near {quantity(self.frequencies_Hz[0], 'Hz', 3)} with a damping of "
+                    f"{100.0 * self.damping[0]:.2g} % is not in the model, since {self.reason}; record steps of 20 ms "
+                    "to determine it."
+                )
             return
-        if not self.kept:
-            yield (
-                f"A faint resonance near {quantity(self.frequencies_Hz[0], 'Hz', 3)} with a damping of "
-                f"{100.0 * self.damping[0]:.2g} % is not in the model, since {self.reason}; record steps of 20 ms to "
-                "determine it."
-            )
-            return
-        for f, zeta, between in zip(self.frequencies_Hz, self.damping, self.intervals["frequencies_Hz"], strict=True):
-            low, high = (f"{end:.5g}" for end in between)
-            within = f" ({low} to {high} Hz)" if low != high else ""
-            damped = f"A resonance at {quantity(f, 'Hz', 5)}{within} with a damping of {100.0 * zeta:.3g} %"
+        within = self.intervals["frequencies_Hz"]
+        for f, zeta, (low, high), moves in zip(self.frequencies_Hz, self.damping, within, self.moves_Hz, strict=True):
+            between = f" ({low:.5g} to {high:.5g} Hz)" * (f"{low:.5g}" != f"{high:.5g}")
             amplifies = f", which amplifies errors of the static part near it up to {0.5 / zeta:.2g} times"
-            yield f"{damped}{amplifies * (zeta < LIGHTLY_DAMPED)}."
-        for zeta, (lowest, highest) in zip(self.damping, self.moves_Hz, strict=True):
-            if highest - lowest > NOTABLE * zeta * lowest:
-                yield f"It moves from {lowest:.5g} to {highest:.5g} Hz with the amplitude or the position."
+            moving = f" It moves from {moves[0]:.5g} to {moves[1]:.5g} Hz with the amplitude or the position."
+            yield (
+                f"A resonance at {quantity(f, 'Hz', 5)}{between} with a damping of {100.0 * zeta:.3g} %"
+                f"{amplifies * (zeta < LIGHTLY_DAMPED)}.{moving * (moves[1] - moves[0] > NOTABLE * zeta * moves[0])}"
+            )
         if self.also_rings[1] > 0.0:
             yield f"The output also rings near {self.also_rings[0]:.3g} Hz, which is not in the model."
         without, behind = self.held_out_percent
@@ -293,7 +274,8 @@ def _with_lag(
     prepared, T = separated.prepared, recording.sample_time
     head = recording.head(first_motion(recording, prepared.skip) + SAMPLES)
     trials = DynamicsTrials.of(head, head, prepared, solving, USUAL)
-    shift = _best_shift(head.y, prepared.fit.y_model[: head.length])
+    signals = (signal - signal.mean() for signal in (head.y, prepared.fit.y_model[: head.length]))
+    shift = int(np.argmax(correlate(*signals)[head.length - 1 :][: int(LONGEST)]))
     late, lag = trials.lag([Dynamics((), (), (), T * samples) for samples in {0, shift}], choice, option)
     if lag.is_significant:
         static = trials.without_dynamics(head, late)
@@ -539,13 +521,3 @@ def _ringing(fit: ForwardFit, peak: Peak, T: float) -> Columns:
     late = [Dynamics((peak.frequency_Hz,), (peak.damping,), (1.0,), delay) for delay in (0.0, T)]
     signals = [np.column_stack([g.filter(v, T) - v for g in late]) for v in (fit.static[part] for part in fit.parts)]
     return Columns(np.concatenate(signals), np.full(2, -np.inf), np.full(2, np.inf))
-
-
-def _best_shift(y: Vector, y_model: Vector) -> int:
-    """Whole samples by which the output of a model (N,) is late to correlate the most with another one (N,)."""
-
-    def correlation(samples: int) -> float:
-        pair = y[samples:] - y.mean(), y_model[: y.size - samples] - y_model.mean()
-        return float(pair[0] @ pair[1]) / max(float(np.linalg.norm(pair[0]) * np.linalg.norm(pair[1])), 1e-300)
-
-    return max(range(min(int(LONGEST), y.size // 2)), key=correlation)

@@ -18,16 +18,13 @@ import numpy as np
 from piezo_model.dynamics import Dynamics
 from solvers.arrays import Mask, Matrix, Vector
 
-FREQUENCY_RATIO, OF_DAMPING, DAMPING_RATIO = 1.02, 0.3, 1.5
-LONGEST = 20.0
-"""Longest delay and lag, in samples."""
-SMALLEST_GAIN = 0.01
-MOST_DAMPED, APART = 0.99, 2e-3
-"""Largest damping ratio, and the smallest distance of the logarithms of two frequencies."""
-STEP = 1e-5
-"""Change of a parameter for its derivative."""
-ROUNDING = 1e-7
-"""Distance of a sum of gains from 1, and of a delay in samples from 0, that is none."""
+FREQUENCY_RATIO, OF_DAMPING, DAMPING_RATIO, LONGEST = 1.02, 0.3, 1.5, 20.0
+"""The bounds above, and the longest delay and lag, in samples."""
+SMALLEST_GAIN, MOST_DAMPED, APART = 0.01, 0.99, 2e-3
+"""Smallest gain, largest damping ratio, and smallest distance of the logarithms of two frequencies."""
+STEP, ROUNDING = 1e-5, 1e-7
+"""Change of a parameter for its derivative, and distance of a sum of gains from 1, and of a delay in samples from 0,
+that is none."""
 
 
 @dataclass(frozen=True)

@@ -17,12 +17,9 @@ from piezo_model.simulation import behind_amplifier
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Mask, Matrix, Vector
 
-CHUNK = 4096
-"""Largest number of samples whose rows are held at once."""
-GRAM_SAMPLES = 1_000_000
-"""Samples of a Gram matrix."""
-STILL = 1e-9
-"""Largest range of an operator at rest, normalised units."""
+CHUNK, GRAM_SAMPLES, STILL = 4096, 1_000_000, 1e-9
+"""Largest number of samples whose rows are held at once, samples of a Gram matrix, and largest range of an operator at
+rest, normalised units."""
 
 
 def gram_of(

@@ -303,7 +303,7 @@ class Fitting:
         ):  # where the model class does not fit, the prediction of a choice is far off
             fit = min(fit, fitted(near.states, s.inverse_slope_map @ optimal, None), key=lambda fit: fit.cost)
         if (drift := self.determined.drift) is not None:
-            column = Columns.of(np.linspace(-1.0, 1.0, recording.length), drift.lowest, drift.highest)
+            column = Columns.of(np.linspace(-1.0, 1.0, recording.length), *drift.limits)
             drifting = fitted(fit.states, fit.v, column)
             if fit.improved_by(drifting, 1):
                 return Final(problem, optimal, drifting, drift)

@@ -37,10 +37,9 @@ from piezo_model.identification.dynamics_parameters import STEP
 from piezo_model.identification.forward import Columns, ForwardFit
 from solvers.arrays import Matrix, Vector
 
-CHANCE = 1e-4
-"""Largest probability of β without movement."""
-USUAL = (0.05, 0.95)
-"""Quantiles of the frequencies, by the squares of s, between which a resonance is said to move."""
+CHANCE, USUAL = 1e-4, (0.05, 0.95)
+"""Largest probability of β without movement, and quantiles of the frequencies, by the squares of s, between which a
+resonance is said to move."""
 
 
 def movement(

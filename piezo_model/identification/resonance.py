@@ -36,15 +36,12 @@ FIRST_BIN, LAST = 16, 0.42
 RATIO, DAMPINGS = 1.012, (0.004, 0.015, 0.05, 0.3)
 """Smallest ratio of consecutive frequencies of the scan, which grows with the width of the mode, and its damping
 ratios."""
-DAMPING_ENDS, MARGIN = (1e-4, 0.9), 1.1
-RIDGE, FLOOR = 1e-9, 1e-12
+DAMPING_ENDS, MARGIN, RIDGE, FLOOR = (1e-4, 0.9), 1.1, 1e-9, 1e-12
 SIMPLEX = np.array([[0.0, 0.0], [0.67 * np.log(RATIO), 0.0], [0.0, 0.5]])
 """Corners of the first simplex beside the best of the scan, in logarithms of both."""
-MEDIANS = 120
-BATCH = 16
-"""Modes that are tried at once, whose responses fit the cache."""
-TAPS = 3
-"""Those of the residual compliance, for a delay of up to two samples."""
+MEDIANS, BATCH, TAPS = 120, 16, 3
+"""Medians of a spectrum, modes that are tried at once, whose responses fit the cache, and taps of the residual
+compliance, for a delay of up to two samples."""
 Mode = tuple[float, float]
 """Frequency in Hz and damping ratio."""
 

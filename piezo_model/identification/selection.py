@@ -37,18 +37,13 @@ from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Mask, Matrix, Vector
 
-HYSTERESIS_ORDERS = (1, 2, 3, 5, 8, 12, 20)
-SUPERPOSITION_ORDERS = (0, 1, 2, 3, 5, 8)
-SAMPLES = 100_000
-"""Samples, spread over a longer recording, of the Gram matrix."""
-NEIGHBOURS = 31
-"""Frequencies of a periodogram over which a median is taken."""
-FEWEST_PER_WEIGHT = 4
-"""Fewest samples for each weight of a candidate."""
-ALIKE = 2.0
-"""Largest difference of criteria that says nothing."""
-EXACT = 1e-12
-"""Cost from a Gram matrix, in normalised units squared, at the level of rounding."""
+HYSTERESIS_ORDERS, SUPERPOSITION_ORDERS = (1, 2, 3, 5, 8, 12, 20), (0, 1, 2, 3, 5, 8)
+SAMPLES, FEWEST_PER_WEIGHT, NEIGHBOURS = 100_000, 4, 31
+"""Samples, spread over a longer recording, of the Gram matrix; fewest for each weight of a candidate; frequencies of a
+periodogram over which a median is taken."""
+ALIKE, EXACT = 2.0, 1e-12
+"""Largest difference of criteria that says nothing, and cost from a Gram matrix, in normalised units squared, at the
+level of rounding."""
 
 Progress = Callable[[str, int, int], None]
 
@@ -229,7 +224,7 @@ def _candidate(
     c = gram[e, e] - 2.0 * gram[e, x] + gram[x, x]
     low, high = np.append(s.lower_bounds(MIN_SLOPE), 0.0), np.append(np.full(s.d, np.inf), 0.0)
     if drift is not None:
-        low[-1], high[-1] = drift.lowest, drift.highest
+        low[-1], high[-1] = drift.limits
     if (limits := determined.creep_limits(s, fit)) is not None:
         high[s.slices[2]] = limits
     reference = np.append(s.inverse_slope_map @ s.straight_line, 0.0)

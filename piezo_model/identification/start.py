@@ -36,20 +36,15 @@ CURVE_UNKNOWNS = 3
 """Unknowns that one of three curves is worth."""
 HEAD = 200_000
 """Samples after the drive has erased the initial states that decide about the start."""
-NARROWER, FLAT = 0.005, 0.1
-"""Smallest narrowing of the output's range that is followed, and smallest range left, as shares of it."""
+NARROWER, FLAT, MOVED = 0.005, 0.1, 0.01
+"""Smallest narrowing of the output's range that is followed, smallest range left, and largest range of a drive that
+rests, as shares of the whole ranges."""
 USUAL = 5, 3
 """Orders n and m of a first fit."""
-MOVED = 0.01
-"""Largest range of a resting drive, as a share of its whole range."""
-TRANSIENT_SHARE = 0.1
-"""Longest transient, as a share of the recording."""
-FAR_MORE, NOTABLE = 4.0, 0.03
-"""Smallest ratio of a transient's error to the largest later one, and its smallest error as a share of the range."""
-LARGER = 1.5
-"""Smallest ratio of the error at the end of a transient to the largest later one."""
-SPOILED = 3.0
-"""Smallest ratio of the later errors of fits with and without the first samples that shows these to be a transient."""
+TRANSIENT_SHARE, FAR_MORE, NOTABLE, LARGER, SPOILED = 0.1, 4.0, 0.03, 1.5, 3.0
+"""Of a transient: longest one, as a share of the recording; smallest ratio of its error to the largest later one, and
+its smallest error as a share of the range; smallest such ratio at its end; smallest ratio of the later errors of fits
+with and without the first samples that shows these to be one."""
 
 
 def structure_of(recording: Recording, n: int, m: int, creep_rates: Sequence[float] = ()) -> ModelStructure:
@@ -103,7 +98,7 @@ def prepare(
         return _fitted(recording, s, skip or 0, solving, state)
     s = _signed(recording, _ranged(recording, s, skip or 0, fit_range), skip or 0, solving)
     single = len(recording.starts) == 1
-    head = recording.head(_memory_erased_from(recording, s) + GRAM_SAMPLES) if single else recording
+    head = initial_segment(recording, s, GRAM_SAMPLES) if single else recording
     found = _fitted(head, s, skip or 0, solving)
     longest = longest_transient(head) if skip is None else 0
     if longest:
@@ -251,16 +246,12 @@ def require(recording: Recording, counted: Mask, s: ModelStructure, skip: int) -
             raise IdentificationError(f"{recording.name}: the {what} does not move{after}")
 
 
-def _memory_erased_from(recording: Recording, s: ModelStructure) -> int:
-    """Index of the first sample at which every play that the drive moves is independent of its initial state."""
+def initial_segment(recording: Recording, s: ModelStructure, size: int = HEAD) -> Recording:
+    """The samples that decide about the start: those until every play that the drive moves is independent of its
+    initial state, and some later ones."""
     span = recording.x_range[1] - recording.x_range[0]
     widths = (2.0 * r * s.x_scale for r in s.play_thresholds)
-    return index_after_travel(recording, max((width for width in widths if width < span), default=0.0))
-
-
-def initial_segment(recording: Recording, s: ModelStructure) -> Recording:
-    """The samples that decide about the start."""
-    return recording.head(_memory_erased_from(recording, s) + HEAD)
+    return recording.head(index_after_travel(recording, max((w for w in widths if w < span), default=0.0)) + size)
 
 
 def y_range(recording: Recording, skip: int) -> tuple[float, float]:

@@ -27,10 +27,9 @@ from piezo_model.simulation import Arrays
 from piezo_model.units import percent, quantity
 from solvers.arrays import Mask, Vector
 
-FARTHEST = 2.0
-"""Largest distance of a creep state before the first sample from the play's, normalised units."""
-OUTLIER_SAMPLES = 1_000_000
-"""Samples from the start in which an outlier is searched for."""
+FARTHEST, OUTLIER_SAMPLES = 2.0, 1_000_000
+"""Largest distance of a creep state before the first sample from the play's, normalised units, and samples from the
+start in which an outlier is searched for."""
 WITHIN, FEWEST_INSIDE = 1.01, 0.2
 """Largest amplitude of a drive within the model's range, and the smallest share of such samples that determines a
 shift, since extrapolation has errors of its own."""
