@@ -8,10 +8,12 @@ rises again are refused by their names. A refusal is one sentence.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from piezo_model.identification.faults import NOTABLE, Signals, faults_of, unexplained
 from piezo_model.identification.fit_errors import Fit
 from piezo_model.identification.forward import ForwardFit
 from piezo_model.identification.start import HEAD, first_motion
@@ -25,14 +27,12 @@ that for an undersampled drive, and that at which there are loops in white noise
 FLOOR, WHITE, FOLLOWS = 1e-9, 0.4, 0.75
 """Error at the level of rounding, as a share of the range; largest correlation of neighbouring samples in noise;
 largest ratio of the line's error to the output's deviation at which the output follows the drive."""
-ROUGH, ONE_WAY = 0.3, 0.9
+ROUGH, COVERED = 0.3, 0.3
 """1 − correlation of neighbouring samples of a drive of about eight samples a period; smallest share of the drive's
-travel in one direction that counts as a single branch."""
-STRIDE, FOLDED, POOR = 0.1, 0.7, 0.06
-"""Of an output that falls and rises again: movement of the drive, largest ratio of net change to total variation, and
-smallest error of a model, as a share of the range."""
-OUTLYING = 10.0
-"""Smallest ratio of an outlier's distance from the median to that of any other sample."""
+range that more than a single branch crosses both ways: small loops at one end say nothing of those over the whole."""
+POOR, OUTLYING = 0.06, 10.0
+"""Smallest error of a model, as a share of the range, of an output that falls and rises again, and smallest ratio of an
+outlier's distance from the median to that of any other sample."""
 
 
 @dataclass(frozen=True)
@@ -45,23 +45,31 @@ class Adequacy:
     """The reason against the model, one sentence without its full stop."""
     monotonic_drive: bool
     """Whether the data are nearly a single branch."""
+    faults: Sequence[str]
+    """What the recording shows of faults of the bench, in sentences."""
 
 
 def check_adequacy(recording: Recording, fitted: ForwardFit, skip: int, fit: Fit) -> Adequacy:
-    """Compare a fit with a line."""
+    """Compare a fit with a line, and look for faults, beside which a butterfly has no name."""
     s, counted = fitted.structure, slice(skip, HEAD + first_motion(recording, skip))
+    y_model = s.y_centre + s.y_scale * fitted.y_model
+    signals = Signals.of(recording, y_model, skip, math.copysign(fit.span, s.y_scale))
+    faults = faults_of(signals)
     u, v = s.unit_input(recording.x[counted]), recording.y[counted] / fit.span
     free = np.count_nonzero(fitted.free)
     expected = fit.rms_percent * math.sqrt((fit.samples + free) / max(1, fit.samples - free))
     error, line = (max(percents / 100.0, FLOOR) for percents in (expected, fit.line_percent))
-    own = v - (s.y_centre + s.y_scale * fitted.y_model[counted]) / fit.span
-    noise = line < FOLLOWS * float(v.std()) and (line == FLOOR or correlation(own) < WHITE)
+    own = v - y_model[counted] / fit.span
+    follows = line < FOLLOWS * float(v.std())
+    noise = follows and (line == FLOOR or correlation(own) < WHITE)
     period = 2.0 * math.pi / math.acos(1.0 - min(max(roughness(u), ROUGH), 2.0))
     reasons = {
         f"the drive is undersampled, with {period:.1f} samples a period, or aliased, so that its turning points, "
-        "on which hysteresis depends, are lost": is_undersampled(u) and error > UNDERSAMPLED * line,
+        "on which hysteresis depends, are lost": roughness(u) > ROUGH
+        and error > UNDERSAMPLED * line
+        and line > NOTABLE,
         "the output falls and rises again on one way of the drive, as the butterfly of a strain over a field, "
-        "or as an output that is late": not noise and error > POOR and roughness(v) < ROUGH and is_folded(u, v),
+        "or as an output that is late": not (follows or faults) and error > POOR and roughness(v) < ROUGH,
         "the model class does not describe these data": not noise and error > NO_BETTER * line,
     }
     refusal = outlier(recording, counted, s.output_unit)
@@ -69,32 +77,27 @@ def check_adequacy(recording: Recording, fitted: ForwardFit, skip: int, fit: Fit
         reason = next(why for why, applies in reasons.items() if applies)
         own_error = f"{percent(100.0 * error)} with this model" if error < line else "and this model is no better"
         refusal = f"{reason}: RMS residual {percent(100.0 * line)} of range with a straight line, {own_error}"
-    return Adequacy(noise and error > LOOPS * line and refusal is None, refusal, is_monotonic(u))
+    if not (faults or refusal) and (left := unexplained(signals)):
+        faults = [left]
+    return Adequacy(noise and error > LOOPS * line and refusal is None, refusal, is_monotonic(u), faults)
 
 
 def is_monotonic(x: Vector) -> bool:
-    """Whether a drive (N,) is nearly a single branch."""
-    travel = np.diff(x)
-    up, down = float(travel[travel > 0].sum()), -float(travel[travel < 0].sum())
-    return max(up, down) > ONE_WAY * max(up + down, 1e-300)
+    """Whether a drive (N,) is nearly a single branch: it never crosses a share of its range, COVERED, both ways.
+
+    Examples
+    --------
+    >>> swing = np.sin(np.linspace(0.0, 60.0, 3000))
+    >>> is_monotonic(swing), is_monotonic(np.concatenate([np.linspace(-1.0, 1.0, 3000), 1.0 - 0.1 * swing]))
+    (False, True)
+    """
+    rise, fall = (float(np.max(way - np.minimum.accumulate(way))) for way in (x, -x))
+    return min(rise, fall) < COVERED * float(np.ptp(x))
 
 
 def roughness(u: Vector) -> float:
     """1 − correlation of neighbouring samples; 1 − cos(2π/p) for a sine of p samples a period."""
     return float(np.mean(np.diff(u) ** 2) / max(2.0 * u.var(), 1e-300))
-
-
-def is_undersampled(u: Vector) -> bool:
-    """Whether the turning points of a drive (N,) lie between its samples."""
-    return roughness(u) > ROUGH
-
-
-def is_folded(u: Vector, v: Vector) -> bool:
-    """Whether an output (N,) both rises and falls where the drive has moved on by a share of its range, STRIDE."""
-    travel = np.cumsum(np.abs(np.diff(u, prepend=u[0]))) / np.ptp(u)
-    at = np.searchsorted(travel, np.arange(0.0, travel[-1], STRIDE))
-    moved = np.diff(u[at]) * np.diff(v[at])
-    return abs(float(moved.sum())) < FOLDED * float(np.abs(moved).sum())
 
 
 def correlation(error: Vector) -> float:

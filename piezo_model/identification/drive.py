@@ -13,26 +13,24 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import csd
 
-from piezo_model.identification.adequacy import is_monotonic, is_undersampled
+from piezo_model.identification.adequacy import ROUGH, is_monotonic, roughness
 from piezo_model.identification.creep import CreepEvidence
 from piezo_model.operators import play
 from piezo_model.recordings import Recording
 from piezo_model.units import quantity
 from solvers.arrays import Vector
 
-SAMPLES = 1_000_000
-"""Samples from the start in which frequencies are sought."""
-SEGMENTS, LONGEST_SEGMENT, SHORTEST_SEGMENT = 8, 8192, 16
-"""Segments of a part, and samples of one."""
+SAMPLES, SEGMENTS, LONGEST_SEGMENT, SHORTEST_SEGMENT = 1_000_000, 8, 8192, 16
+"""Samples from the start in which frequencies are sought; segments of a part, and samples of one."""
 REVERSAL, END = 0.05, 0.1
 """Smallest movement back, and width of either end, as shares of the drive's range, of turns that leave no loop inside
 the outer one."""
 BINS, MOST_LEVELS, TOO_FEW, ELSEWHERE = 100, 20, 4, 0.01
 """Bins of the drive's range, the most of them that are levels, the most that determine no hysteresis, and the largest
 share of the samples beside these, of a drive that says little of what lies between its levels."""
-COHERENT = 0.5
-FAINT = 1e-9
-"""Smallest power of a frequency, as a share of the strongest one, that is no leakage of the window."""
+COHERENT, FAINT = 0.5, 1e-9
+"""Smallest coherence, and smallest power of a frequency, as a share of the strongest one, that is no leakage of the
+window."""
 
 
 @dataclass(frozen=True)
@@ -49,18 +47,19 @@ class Drive:
     levels: int
     """Number of levels of a drive with MOST_LEVELS or fewer; 0 for others."""
 
-    def sentence(self, creep: bool) -> str:
+    def sentence(self, creep: bool, dynamics: bool) -> str:
         """The same in words, with creep if the recording tells it from hysteresis; otherwise that has a sentence of its
-        own (`creep`)."""
+        own (`creep`), and so have dynamics of the model."""
         drift = "a drift of the sensor" if creep else "a drift"  # which may be creep
         effects = {"hysteresis": self.hysteresis, "creep": creep, drift: self.drift}
         can, cannot = ([name for name, shown in effects.items() if shown is which] for which in (True, False))
         determined = f"This drive determines {_listed(can, 'and') or 'none of hysteresis, creep and drift'}"
         cannot = [name for name in cannot if name != "creep"]
         but = f", but not {_listed(cannot, 'or')}" if can and cannot else ""
-        dynamics = f"dynamics up to {quantity(self.highest_Hz, 'Hz', 2)}" if self.highest_Hz else "no dynamics"
+        shows = f"dynamics up to {quantity(self.highest_Hz, 'Hz', 2)}" if self.highest_Hz else "no dynamics"
+        known = f"; it shows {shows}" * bool(self.highest_Hz or not dynamics)
         alone = " It turns at the ends of its range alone, and says little of the loops inside." * self.one_loop
-        return f"{determined}{but}; it shows {dynamics}.{alone}"
+        return f"{determined}{but}{known}.{alone}"
 
 
 def _listed(names: Sequence[str], last: str) -> str:
@@ -71,7 +70,7 @@ def drive_of(recording: Recording, skip: int, determined: CreepEvidence) -> Driv
     """What the drive of a recording can determine after the skipped samples."""
     x = recording.x[skip:]
     levels = level_count(x)
-    hysteresis = not is_monotonic(x) and not is_undersampled(x) and not 0 < levels <= TOO_FEW
+    hysteresis = not is_monotonic(x) and roughness(x) <= ROUGH and not 0 < levels <= TOO_FEW
     one_loop, highest = hysteresis and has_one_loop(x), highest_frequency(recording)
     return Drive(hysteresis, bool(determined.rates), determined.shows_drift, highest, one_loop, levels)
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.signal import welch
 
+from piezo_model.identification.autocorrelation import independent_samples
 from piezo_model.identification.error_model import Solving, accumulate, counted_from
 from piezo_model.identification.forward import simulate
 from piezo_model.identification.validation import Validation, start_and_transient
@@ -16,8 +17,8 @@ from piezo_model.model import HysteresisCreepModel
 from piezo_model.recordings import Recording
 from solvers.arrays import Vector
 
-LONGEST = 1_000_000
-"""Largest number of samples in a review, from the start."""
+LONGEST, WHITE = 1_000_000, 0.7
+"""Largest number of samples in a review, from the start; smallest share of independent samples in a white error."""
 
 
 @dataclass(frozen=True)
@@ -53,24 +54,10 @@ class Review:
 
     def advice(self) -> Iterator[str]:
         """Recommendations."""
-        report = self.model.report
         if self.fitted:
-            yield from report["advice"]
-            for names in report["excitation"]["undetermined"]:
-                yield (
-                    f"Vary the drive more, in amplitude and speed: the weights {names} cannot be distinguished from "
-                    "each other."
-                )
-        f, density = self.spectrum()
-        share = float(np.sum(density[f <= f[-1] / 20.0] ** 2) / np.sum(density**2)) if np.any(density) else 0.0
-        if share > 0.8:
-            yield (
-                f"{100.0 * share:.0f} % of the error's power lies below a twentieth of the highest frequency: the "
-                "model misses "
-                f"something slow, such as hysteresis between thresholds or creep, and it is not the sensor's noise."
-            )
-        elif share < 0.2:
-            yield "The error is spread over all frequencies like noise: a higher order would gain little."
+            yield from self.model.report["advice"]
+        if independent_samples([self.error[self.skipped :]]) > WHITE * (self.error.size - self.skipped):
+            yield "The error is white, as noise is: a higher order would gain little."
 
 
 def review(recording: Recording, model: HysteresisCreepModel, validation: Validation | None = None) -> Review:

@@ -5,7 +5,7 @@
     creep    creep and drift, where the data determine them                      `creep`
     orders   n and m, from one Gram matrix of all candidates                     `selection`
     fit      program (6) with its proof, then the smallest error of the output   `error_model`, `forward`
-    judge    errors beside those of a line, adequacy, intervals                  `fit_errors`, `adequacy`
+    judge    errors beside those of a line, adequacy, faults, intervals          `fit_errors`, `adequacy`, `faults`
     report   numbers, and what each finding says of itself                       `report`
 
 Data that the model class does not describe are refused.
@@ -212,7 +212,8 @@ def _identified(recording: Recording, options: Options, solving: Solving, progre
     final = fitting.final(near)
     verdict, found = fitting.judged(final)
     if verdict.refusal is not None and not options.force:
-        raise IdentificationError(f"{recording.name}: {verdict.refusal}")
+        said = f"{recording.name}: {verdict.refusal}", *verdict.faults[:1]
+        raise IdentificationError(". ".join(said).removesuffix("."))
     return _reported(fitting, final, verdict, found, selection)
 
 

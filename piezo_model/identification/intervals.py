@@ -3,7 +3,8 @@
     C = σ² τ / N · (JᵀJ / N)⁻¹   over the unknowns that no bound holds,
 
 where σ² is the variance of the error, and τ = 1 + 2 Σ ρ_k its autocorrelation time, so that N / τ samples are
-independent. A weight at its bound 0 has the interval from 0 to 1.96 of the deviations that it would have if released.
+independent. A weight at its bound 0 has the interval from 0 to 1.96 of the deviations that it would have if released,
+and so has hysteresis or creep at 0, which the data may hide; neither is below 0.
 The intervals are those for given orders; what the choice of orders adds is not in them. Where no more samples are
 independent than there are unknowns, there are none.
 """
@@ -17,9 +18,11 @@ from piezo_model.figures import figures_of
 from piezo_model.identification.autocorrelation import DEVIATIONS, autocorrelation_time, inverse_over
 from piezo_model.identification.forward import ForwardFit
 from piezo_model.model import HysteresisCreepModel
+from piezo_model.units import SMALLEST_PERCENT
 
-STEP = 1e-4
-"""Change of a weight for the derivatives of the figures, normalised units."""
+LEAST, STEP = np.array([-math.inf, 0.0, 0.0, -math.inf]), 1e-4
+"""Bounds of the figures, of which hysteresis and creep are percentages, and change of a weight for their derivatives,
+normalised units."""
 
 
 def intervals(fit: ForwardFit) -> dict[str, Any] | None:
@@ -29,31 +32,26 @@ def intervals(fit: ForwardFit) -> dict[str, Any] | None:
     time, samples = autocorrelation_time(fit.errors), sum(error.size for error in fit.errors)
     if (beyond := samples - np.count_nonzero(fit.free) * time) <= 0.0:
         return None
-    variance = fit.cost * time / beyond
+    variance, each = fit.cost * time / beyond, np.arange(fit.free.size)
     C = variance * inverse_over(fit.P, fit.free)[: s.d, : s.d]
-    weights, deviations = fit.weights, np.sqrt(np.maximum(np.diag(T @ C @ T.T), 0.0))  # 0 where rounding is all of it
-    ranges: list[list[float] | None] = []
-    for i, (weight, deviation) in enumerate(zip(weights.tolist(), deviations.tolist(), strict=True)):
-        if deviation > 0.0:
-            ranges.append([weight - DEVIATIONS * deviation, weight + DEVIATIONS * deviation])
-        elif fit.P[i, i] > 0.0 and not fit.free[i]:
-            released = fit.free.copy()
-            released[i] = True
-            own = DEVIATIONS * math.sqrt(variance * inverse_over(fit.P, released)[i, i])
-            ranges.append([weight, weight + own])
-        else:
-            ranges.append(None)
-    at = figures_of(HysteresisCreepModel.from_weights(s, weights))
-    free = np.flatnonzero(fit.free[: s.d])
-    changes = np.array([[*_moved(fit, i).values()] for i in free.tolist()]).reshape(free.size, len(at))
-    slopes = (changes - np.array([*at.values()])) / STEP
-    spread = DEVIATIONS * np.sqrt(np.einsum("ik,ij,jk->k", slopes, C[np.ix_(free, free)], slopes))
-    bounds = {name: [at[name] - wide, at[name] + wide] for name, wide in zip(at, spread.tolist(), strict=True)}
-    return {"weights": ranges, "figures": bounds, "autocorrelation_time": time}
-
-
-def _moved(fit: ForwardFit, i: int) -> dict[str, float]:
-    """The figures with one weight changed."""
-    v = fit.v.copy()
-    v[i] += STEP
-    return figures_of(HysteresisCreepModel.from_weights(fit.structure, fit.structure.slope_map @ v))
+    held = ~fit.free[: s.d] & (np.diag(fit.P)[: s.d] > 0.0)
+    released = np.zeros(s.d)
+    for i in np.flatnonzero(held).tolist():
+        released[i] = variance * inverse_over(fit.P, fit.free | (each == i))[i, i]
+    own, upwards = np.sqrt(np.maximum(np.diag(T @ C @ T.T), 0.0)), np.sqrt(released)  # 0 where rounding is all of it
+    ends = np.column_stack([fit.weights - DEVIATIONS * own, fit.weights + DEVIATIONS * np.where(own, own, upwards)])
+    at = figures_of(HysteresisCreepModel.from_weights(s, fit.weights))
+    values, moved = np.array([*at.values()]), np.flatnonzero(fit.free[: s.d] | held)
+    near = (HysteresisCreepModel.from_weights(s, T @ (fit.v + STEP * row)) for row in np.eye(s.d)[moved])
+    slopes = (np.reshape([[*figures_of(model).values()] for model in near], (-1, values.size)) - values) / STEP
+    spread, hidden = (
+        np.sqrt(np.maximum(np.einsum("ik,ij,jk->k", slopes, each[np.ix_(moved, moved)], slopes), 0.0))
+        for each in (C, np.diag(released))
+    )
+    wide = DEVIATIONS * np.where(values < LEAST + SMALLEST_PERCENT, np.maximum(hidden, spread), spread)
+    between = np.column_stack([np.maximum(values - wide, LEAST), values + wide]).tolist()
+    return {
+        "weights": [pair if pair[0] < pair[1] else None for pair in ends.tolist()],
+        "figures": dict(zip(at, between, strict=True)),
+        "autocorrelation_time": time,
+    }

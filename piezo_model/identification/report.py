@@ -30,12 +30,11 @@ FIGURES = {
     "creep_percent_per_decade": "creep",
     "offset": "offset",
 }
-MOST = 7
-"""Most findings; further ones are said on the page."""
-NO_LOOP = 0.2
-"""Largest width of a loop, per cent of the output's range, that is none."""
-FAR_MORE = 3.0
-"""Smallest ratio of the largest errors of skipped and counted samples that indicates a transient."""
+MOST, SHOWN = 7, 6
+"""Most findings, after which further ones are said on the page, and most weights that a sentence names."""
+NO_LOOP, FAR_MORE = 0.2, 3.0
+"""Largest width of a loop, per cent of the output's range, that is none, and smallest ratio of the largest errors of
+skipped and counted samples that indicates a transient."""
 
 
 @dataclass(frozen=True)
@@ -88,13 +87,18 @@ class FitReport:
     @property
     def hysteresis(self) -> bool:
         """Whether the data admit a loop, by the upper end of its interval."""
-        width = self.figures["hysteresis_percent"]
-        intervals = {} if self.intervals is None else self.intervals["figures"]
-        return float(intervals.get("hysteresis_percent", [width])[-1]) > NO_LOOP
+        known = (
+            {name: [value] for name, value in self.figures.items()}
+            if self.intervals is None
+            else self.intervals["figures"]
+        )
+        return float(known["hysteresis_percent"][-1]) > NO_LOOP
 
     @property
     def _drive_sentence(self) -> str:
-        return self.drive.sentence(self.drive.creep and self.determined.is_clear)
+        return self.drive.sentence(
+            self.drive.creep and self.determined.is_clear, bool(self.dynamics and self.dynamics.kept)
+        )
 
     def _findings(self, s: ModelStructure) -> Iterator[str]:
         """The important sentences, the most important first."""
@@ -103,6 +107,7 @@ class FitReport:
         cause = " as a switch-on transient" * (fit.skipped_max_percent > FAR_MORE * fit.max_percent)
         for applies, sentence in (
             (verdict.refusal, f"The model was forced although {verdict.refusal}."),
+            *((True, fault) for fault in verdict.faults),
             (
                 s.negative_gain,
                 "The output falls as the input rises; model, inverse and compensator have that sign.",
@@ -143,7 +148,7 @@ class FitReport:
                 f"The {who} drifts by {self.drift.per_s:.2g} {shown(s.output_unit)}/s{why}; this is no part of the "
                 f"model, and without it the RMS error is {percent(self.drift.rms_percent)} of the range."
             )
-        if self.dynamics is not None:
+        if self.dynamics is not None and (self.dynamics.kept or self.drive.highest_Hz):
             yield from self.dynamics.sentences()
         if self.lag is not None and self.lag.is_significant:
             yield self.lag.sentence(s.sample_time)
@@ -151,13 +156,13 @@ class FitReport:
     def _facts(self, s: ModelStructure) -> Iterator[str]:
         """Further sentences of the page."""
         rates, unreached = ", ".join(f"{rate:g}" for rate in s.creep_rates), ", ".join(self.excitation.unreached)
-        slight_lag = self.lag is not None and not self.lag.is_significant
+        combinations, slight_lag = self.excitation.undetermined, self.lag is not None and not self.lag.is_significant
         for applies, sentence in (
             (True, self._drive_sentence),
             (self.start in STARTS, STARTS.get(self.start)),
             (slight_lag, self.lag and self.lag.sentence(s.sample_time)),
             (
-                self.determined.creep is not None and self.creep_chosen,
+                self.figures["creep_percent_per_decade"] and self.creep_chosen,
                 f"Creep is in the data beside any hysteresis, at the rates that they determine: {rates} per second.",
             ),
             (True, self._figures(s)),
@@ -165,7 +170,12 @@ class FitReport:
                 unreached,
                 f"The drive never reached the thresholds of {unreached}; these weights stay at their reference.",
             ),
-            *((True, f"The data cannot separate the weights {names}.") for names in self.excitation.undetermined),
+            (
+                combinations,
+                f"Combinations of the weights that the data do not determine: {len(combinations)}, the first that of "
+                f"{', '.join(''.join(combinations[:1]).split(', ')[:SHOWN])}; vary the drive more, in amplitude and "
+                "speed, or ask for lower orders.",
+            ),
         ):
             if applies:
                 yield str(sentence)

@@ -468,18 +468,6 @@ def test_all_findings_about_a_stage_that_falls_and_rings_twice_are_said_first() 
     assert all(finding.startswith(begin) for finding, begin in zip(findings, begins, strict=True))
 
 
-@pytest.mark.sample(2)
-@pytest.mark.parametrize("modes", [MODE, []], ids=["ringing", "still"])
-@pytest.mark.parametrize("drive", ["steps", "sweep"])
-def test_spikes_of_the_output_are_counted_in_a_finding(drive: str, modes: list[tuple[float, float, float]]) -> None:
-    clean, rng = made("relay_preisach", drive, modes, size=SIZE // 2), np.random.default_rng(8)
-    at, y = rng.choice(np.arange(400, clean.length - 1, 3), 12, replace=False), clean.y.copy()
-    y[at] += 0.36 * np.ptp(y) * rng.choice([-1.0, 1.0], 12)
-    said, nothing = (identify(replace(clean, y=each), n=5, m=3).report["findings"] for each in (y, clean.y))
-    assert any(finding.startswith("The output has spikes in 12 samples, of up to ") for finding in said)
-    assert not any("spikes" in finding for finding in nothing)
-
-
 def test_figures_have_no_intervals_where_the_model_leaves_a_ringing_that_hardly_dies_away() -> None:
     model = identify(made("relay_preisach", "sweep", [(827.4, 0.0059, 1.0)], 0.02, seed=31))
     assert model.report["intervals"] is None

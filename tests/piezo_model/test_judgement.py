@@ -72,6 +72,7 @@ def test_a_bent_curve_without_hysteresis_is_accepted_with_a_remark(curve: Callab
     y = noisy(np.random.default_rng(0), curve(u), noise)
     report = identify(Recording.from_arrays(u, y, SAMPLE_TIME)).report
     assert report["refusal"] is None
+    assert report["intervals"]["figures"]["hysteresis_percent"][0] < 1e-3
     assert any(finding.startswith("No hysteresis: ") for finding in report["findings"])
 
 

@@ -1,0 +1,266 @@
+"""Faults of the bench: each is a hypothesis about a drive x(k), an output y(k) and the output ŷ(k) of the model.
+
+    repeated output    y(k) = y(k − 1) exactly, where neighbours differ by more than the quantum of y
+    held output        y changes at k = k₀ + j p only, p ≥ 2
+    limit              y = L − b max(t − f, 0), where t is the drive's distance from the end of a branch, f ≥ 5 %
+    slew limit         edges of size A rise at a slope A^c with c near 0 and far from the 1 of a linear stage
+    lost rows          y(k) = ŷ(k − a) before some sample and ŷ(k − b) after it, a ≠ b, or x for ŷ
+    clock jitter       E e² = σ² + τ² (dŷ/dt)² for a white e = y − ŷ
+
+A hypothesis is a function that returns its evidence, a sentence, or None where the data do not show it or leave it
+open. A slope that falls to zero abruptly, before the drive turns, is the limit of an amplifier or of a sensor, which
+the data do not tell apart; rest after a reversal is play, and a slope that falls gently, as a cubic's, is saturation.
+What none explains has a sentence, and no name. Signals are shares of their ranges.
+
+Sources: J. von Neumann, "Distribution of the ratio of the mean square successive difference to the variance", Ann.
+Math. Statist. 12 (1941) 367–395, for variances from differences; W. Kester (ed.), Data Conversion Handbook, 2005,
+section 2.3, for the noise of a jittering clock.
+"""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.ndimage import median_filter
+from scipy.optimize import nnls
+from scipy.signal import find_peaks
+from scipy.stats import linregress
+
+from piezo_model.identification.fit_errors import residual
+from piezo_model.recordings import Recording
+from piezo_model.units import percent, quantity
+from solvers.arrays import Mask, Vector
+
+SAMPLES, EXACT, TINY, NEAR, LIVE, TURNING, FEW, CHANCE = 50_000, 1e-9, 1e-7, 17, 0.6, 1e-3, 10, 3.0
+"""Samples of the longest part that are searched; the largest difference that is rounding, and a hundred times that;
+samples about one that are its neighbours; the smallest share of them that changes where neither stage nor drive rests;
+the smallest step of a drive that turns; fewest events that are a rule, and the smallest ratio of their number to that
+by chance."""
+BRANCHES, BEYOND, FLAT, ROUGH, ABRUPT, ONE_LEVEL = 100, 0.05, 0.08, 0.01, 100.0, 0.03
+"""Of a limit: most branches; smallest movement of the drive beyond it; largest slope there, as a share of that before;
+largest RMS error of the two lines; smallest χ² against cubics, which controls lift to 13; largest deviation of the
+levels, which creep and ringing move."""
+LATER, ONE_SLOPE, UNEQUAL, SURE, PARTS = 1.1, 0.35, 0.03, 3.0, (0.25, 0.5)
+"""Of a slew limit: smallest ratio of the output's rise to the drive's; largest exponent c, and largest deviation of the
+slopes' logarithms; their smallest error; smallest distance of c from 1, in its standard errors; smallest sizes, shares
+of the largest: small edges are linear."""
+SHIFTS, BLOCKS, SHIFTED = 40, 16, (0.5, 0.35)
+"""Largest shift in samples, blocks, and largest ratio of the squares with two shifts to those with one, of the model
+and of the drive."""
+GROUPS, UNEVEN, CLEAR, LEAST_JITTER, MEDIAN = 12, 0.7, 5.0, 0.03, 0.455
+"""Of clock jitter: groups of samples of one speed; largest error of their logarithmic variances; smallest ratio of what
+speed explains of these to what it leaves; smallest jitter in samples; the median of the square of a normal variable."""
+SPIKE, FAR, NOTABLE, MANY = 0.1, 4.0, 0.01, 10.0
+"""Smallest spike as a share of the range, since modes beyond half of the sampling rate overshoot by less, and as a
+multiple of the 99 % quantile: a million normal errors reach three; smallest error that has to have a cause, as a share
+of the range and as a multiple of the noise."""
+
+
+@dataclass(frozen=True)
+class Signals:
+    """Drive, output and modelled output (N,) as shares of the ranges, the output rising with the drive."""
+
+    u: Vector
+    v: Vector
+    model: Vector
+    low: float
+    span: float
+    """Output where v = 0, and its change to v = 1, in its unit."""
+    recording: Recording
+
+    @classmethod
+    def of(cls, recording: Recording, y_model: Vector, skip: int, span: float) -> "Signals":
+        """Those of the longest part, after the skipped samples; the span has the sign of the gain."""
+        parts = (slice(max(part.start, skip), part.stop) for part in recording.parts)
+        at = max(parts, key=lambda part: part.stop - part.start)
+        x, y, modelled = (signal[at][:SAMPLES] for signal in (recording.x, recording.y, y_model))
+        low = float(y.min() if span > 0.0 else y.max())
+        u = (x - x.min()) / max(float(np.ptp(x)), np.finfo(float).tiny)
+        return cls(u, (y - low) / span, (modelled - low) / span, low, span, recording)
+
+    def size(self, share: float, digits: int = 2) -> str:
+        """A difference of outputs in words."""
+        return quantity(abs(self.span) * share, self.recording.output_unit, digits)
+
+    def time(self, samples: float, digits: int = 2) -> str:
+        """A number of samples in words."""
+        return quantity(self.recording.sample_time * samples, "s", digits)
+
+
+def repeated_output(s: Signals) -> str | None:
+    """Exact repeats among neighbours that change; without the ends of the range, which a limit repeats, the turns of
+    the drive, after which play rests, and samples at which the model rests."""
+    change, by_model = (np.abs(np.diff(signal, prepend=signal[:1])) for signal in (s.v, s.model))
+    step, least = np.diff(s.u, prepend=s.u[:1]), max(1.5 * _quantum(s.v), TINY)
+    turns = (_nearby(step > TURNING) > 0.0) & (_nearby(step < -TURNING) > 0.0)
+    live = (_nearby(change > least) > LIVE) & ~turns & (s.v > s.v.min() + EXACT) & (s.v < s.v.max() - EXACT)
+    repeats = live & (change <= EXACT)
+    count = np.count_nonzero(repeats)
+    by_chance = 0.5 * (np.count_nonzero(live & (change < least)) - count)  # half as many as changes by one quantum
+    rests = count and np.median(by_model[repeats]) <= 0.5 * np.median(by_model[live]) - EXACT
+    found = f"repeats exactly in {count} of {np.count_nonzero(live)} samples while it moves: samples are read twice"
+    return f"The output {found}." if count >= FEW + CHANCE * by_chance and not rests else None
+
+
+def held_output(s: Signals) -> str | None:
+    """Changes at one period, of an output whose drive does not rest between them."""
+    change, moves = np.abs(np.diff(s.v)), np.abs(np.diff(s.u, prepend=s.u[:1])) > EXACT
+    at = np.flatnonzero(change > EXACT) + 1
+    if at.size < FEW or change[at - 1].mean() < 2.0 * _quantum(s.v):
+        return None
+    gaps = np.diff(at)
+    period = float(gaps[gaps < 2.0 * np.quantile(gaps, 0.1)].mean())
+    even = period > 1.9 and np.quantile(np.abs(gaps - period * np.round(gaps / period)), 0.99) < 1.0
+    own = moves.mean() > LIVE or np.mean(moves[at] | moves[at - 1]) < LIVE
+    found = f"every {period:.3g} samples ({s.time(period, 3)}) only: the sensor is slower than the recorder"
+    return f"The output changes {found}." if even and own else None
+
+
+def spikes(s: Signals) -> str | None:
+    """Samples of the output far from both neighbours, and from the model, on one side."""
+    apart = np.minimum(*(np.abs(signal - median_filter(signal, 3)) for signal in (s.v, s.v - s.model)))
+    found = apart[apart > max(SPIKE, FAR * float(np.quantile(apart, 0.99)))]
+    where = (
+        f"{found.size} sample{'s' * (found.size > 1)}, of up to {percent(100.0 * found.max(initial=0.0))} of the range"
+    )
+    return f"The output has spikes in {where}; they are counted as if the stage moved." if found.size else None
+
+
+def limit(s: Signals) -> str | None:
+    """Branches to one side that end in a line of slope zero, at one level."""
+    for side, which in ((1.0, "rises"), (-1.0, "falls")):
+        found = filter(None, (_kink(t, h) for t, h in _branches(side * s.u, side * s.v)))
+        kinks = [kink for kink in found if kink[2] > 2.0 * _quantum(s.v)]
+        level, chi_square, flat = np.reshape(kinks, (-1, 3)).T
+        several = level.size > 1 or level.max(initial=-2.0) > np.max(side * s.v) - ONE_LEVEL
+        if several and chi_square.sum() > ABRUPT and level.std() < ONE_LEVEL:
+            where = quantity(s.low + s.span * side * float(np.median(level)), s.recording.output_unit, 3)
+            return (
+                f"The output stops abruptly at {where} while the drive still {which} by up to "
+                f"{percent(100.0 * flat.max())} of its range: the amplifier or the sensor is at its limit."
+            )
+    return None
+
+
+def slew_limit(s: Signals) -> str | None:
+    """Edges of large and small steps of one slope."""
+    edges = np.reshape([*_edges(s)], (-1, 2))
+    for part in PARTS:
+        size, rise = edges[edges[:, 0] > part * edges[:, 0].max(initial=0.0)].T
+        if size.size < 2 or size.max() == size.min() or np.median(rise) < 2.0:
+            continue
+        line, apart = linregress(np.log(size), np.log(size / rise)), size.size**0.5 * np.log(size).std()
+        error = math.hypot(line.stderr, math.sqrt(UNEQUAL**2 + np.mean(1.0 / (6.0 * rise**2))) / apart)
+        if 1.0 - line.slope > SURE * error and max(abs(line.slope), np.log(size / rise).std()) < ONE_SLOPE:
+            slope = s.size(0.6 * float(np.median(size / rise)) / s.recording.sample_time)
+            return (
+                f"Edges of {s.size(size.min())} to {s.size(size.max())} all move at about {slope} a second: the "
+                "amplifier limits the slew rate."
+            )
+    return None
+
+
+def lost_rows(s: Signals) -> str | None:
+    """One shift of the output before some block, and another one after it."""
+    inner = s.v[SHIFTS:-SHIFTS]
+    cuts = np.linspace(0, inner.size, BLOCKS + 1).astype(int)[:-1]
+    for known, most in zip((s.model, s.u), SHIFTED, strict=True):  # what a model errs by a shift, the drive does not
+        errors = (inner - known[shift : shift + inner.size] for shift in range(2 * SHIFTS + 1))
+        squares = np.array([np.add.reduceat((error - error.mean()) ** 2, cuts) for error in errors]) + EXACT**2
+        before, whole = np.cumsum(squares, axis=1), squares.sum(axis=1)
+        after = whole[:, None] - before
+        split = int(np.argmin(before[:, :-1].min(axis=0) + after[:, :-1].min(axis=0)))
+        by = abs(int(np.argmin(before[:, split])) - int(np.argmin(after[:, split])))
+        if by and before[:, split].min() + after[:, split].min() < most * whole.min():
+            return (
+                f"The output shifts by {by} sample{'s' * (by > 1)} after about {s.time(cuts[split + 1] + SHIFTS)}: one "
+                "of the signals has lost rows."
+            )
+    return None
+
+
+def clock_jitter(s: Signals) -> str | None:
+    """White errors whose variance grows with the square of the speed, by medians over groups of one speed: of a slow
+    error, third differences are smaller than first ones."""
+    error, fast = s.v - s.model, np.gradient(s.model)[1:-2] ** 2
+    third, first = np.diff(error, 3) ** 2 / 20.0, np.diff(error)[1:-1] ** 2 / 2.0  # of the variance of white errors
+    groups = np.array_split(np.argsort(fast), GROUPS)
+    fast, third, first = (np.maximum([np.median(each[at]) for at in groups], EXACT**2) for each in (fast, third, first))
+    (constant, slope), _ = nnls(np.column_stack([1.0 / third, fast / third]), np.ones(GROUPS))
+    left, white = np.log((constant + slope * fast + EXACT**2) / third), np.log(first / third)[GROUPS // 2 :]
+    jitter, grows = float(np.sqrt(slope / MEDIAN)), slope * fast[-1] > constant
+    even = max(np.abs(left).max(), np.abs(white).max()) < UNEVEN and np.log(third).var() > CLEAR * np.mean(left**2)
+    found = (
+        "The error grows with the output's speed, as if the samples' times were uncertain by "
+        f"{jitter:.2g} sampling periods ({s.time(jitter)}): the clock jitters."
+    )
+    return found if grows and even and jitter > LEAST_JITTER else None
+
+
+def unexplained(s: Signals) -> str | None:
+    """An error far above the noise."""
+    error = s.v - s.model
+    rms, noise = np.sqrt(np.mean(error**2)), np.sqrt(np.median(np.diff(error, 3) ** 2) / (20.0 * MEDIAN)) + EXACT
+    found = f"The model leaves {percent(100.0 * rms)} of the range, {rms / noise:.2g} times the noise"
+    return f"{found}, which is none of the known faults." if rms > max(NOTABLE, MANY * noise) else None
+
+
+FAULTS: tuple[tuple[Callable[[Signals], str | None], ...], ...] = (
+    (repeated_output, held_output, spikes, limit, slew_limit),
+    (lost_rows, clock_jitter),
+)
+"""Faults of the signals, and of the error, which is no evidence where a fault of the signals leaves one."""
+
+
+def faults_of(signals: Signals) -> list[str]:
+    """The sentences of the first kind of faults that the signals show; none of a short recording."""
+    kinds = FAULTS if signals.u.size > 4 * SHIFTS else ()
+    return next(filter(None, ([*filter(None, (fault(signals) for fault in kind))] for kind in kinds)), [])
+
+
+def _nearby(values: Vector | Mask) -> Vector:
+    """Means over the neighbours of each sample."""
+    return np.asarray(np.round(np.convolve(values, np.full(NEAR, 1.0 / NEAR), "same"), 9), dtype=np.float64)
+
+
+def _quantum(v: Vector) -> float:
+    """Smallest distance of two values of an output."""
+    return float((apart := np.diff(np.unique(v)))[apart > EXACT].min(initial=1.0))
+
+
+def _branches(u: Vector, v: Vector) -> Iterator[tuple[Vector, Vector]]:
+    """Distances of a rising drive from the end of each branch, and the output."""
+    padded = np.concatenate([[-1.0 + u.min()], u, [-1.0 + u.min()]])
+    tops = find_peaks(padded, prominence=BEYOND, plateau_size=1)[1]["left_edges"][:BRANCHES] - 1
+    for before, top in pairwise((0, *tops.tolist())):
+        branch = slice(before + int(np.argmin(u[before : top + 1])), top + 1)
+        yield u[top] - u[branch], v[branch]
+
+
+def _kink(t: Vector, h: Vector) -> tuple[float, float, float] | None:
+    """Level, χ² against a cubic, and length of the flat end of a branch; None without one."""
+    kinks, flat_end = [], abs(h[t < 0.5 * BEYOND].mean() - h[t < BEYOND].mean()) < 0.2 * BEYOND  # of a line, 0.25
+    for flat in np.geomspace(BEYOND, max(0.5 * t.max(), BEYOND), 16 * flat_end).tolist():
+        near, y = t[t <= 2.0 * flat] / flat, h[t <= 2.0 * flat]
+        if min(np.count_nonzero(near < 1.0), np.count_nonzero(near > 1.0)) < 4:
+            continue
+        lines = np.column_stack([np.ones(near.size), np.maximum(near - 1.0, 0.0), np.minimum(near, 1.0)])
+        two = np.linalg.lstsq(lines, y, rcond=None)[0]
+        squares, others = (np.mean(left**2) for left in (y - lines @ two, residual(np.vander(near, 4), y)))
+        if abs(two[2]) < -FLAT * two[1] and two[1] < -0.4 * flat and squares < ROUGH**2:
+            kinks.append((float(two[0]), float(y.size * (others - squares) / (squares + EXACT**2)), flat))
+    return max(kinks, key=lambda kink: kink[1], default=None)
+
+
+def _edges(s: Signals) -> Iterator[tuple[float, int]]:
+    """Sizes of edges of the output, behind each of which the drive rests, and the samples from 20 to 80 % of it."""
+    moves = np.abs(np.diff(s.u, prepend=s.u[:1])) > 0.1 * TURNING
+    begins = np.flatnonzero(moves & ~np.roll(moves, 1))
+    for begin, end in pairwise((*begins.tolist(), s.u.size)):
+        u, v = s.u[begin - 1 : end], s.v[begin - 1 : end]
+        size = abs(float(v[-3:].mean() - v[0]))
+        drive, rise = (np.count_nonzero(np.abs((w - w[0]) / (w[-1] - w[0] or 1.0) - 0.5) < 0.3) for w in (u, v))
+        if size > BEYOND and not moves[end - NEAR // 2 : end].any() and rise > LATER * drive:
+            yield size, int(rise)

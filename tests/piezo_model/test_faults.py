@@ -1,0 +1,90 @@
+"""Faults of the bench are called by their names, and what resembles them is not."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.random import Generator
+from recording_kinds import SAMPLE_TIME, Vector, drive, loops, noisy, resonant
+
+from piezo_model import IdentificationError, Recording, identify
+from piezo_model.identification.faults import Signals, faults_of, unexplained
+from piezo_model.operators import play
+
+K = np.arange(6000)
+
+
+def steps(rng: Generator) -> Vector:
+    return np.repeat(rng.uniform(-1.0, 1.0, 30), 200)
+
+
+def slewing(u: Vector, rate: float) -> Vector:
+    """The drive behind an amplifier that changes by at most a rate in a sample."""
+    x = u.copy()
+    for k in range(1, x.size):
+        x[k] = x[k - 1] + np.clip(u[k] - x[k - 1], -rate, rate)
+    return x
+
+
+FAULTS: dict[str, Callable[[Generator, Vector, Vector], Vector]] = {
+    "repeats exactly in": lambda rng, _, y: y[np.maximum.accumulate(np.where(rng.uniform(size=K.size) < 0.1, 0, K))],
+    "changes every 5 samples": lambda _, u, y: y[K // 5 * 5],
+    "has spikes in 3 samples": lambda _, u, y: y + 0.5 * (K % 1500 == 1499) * (K < 5000),
+    "while the drive still rises": lambda _, u, y: np.minimum(y, np.quantile(y, 0.85)),
+    "while the drive still falls": lambda rng, u, y: noisy(rng, loops(rng, np.maximum(u, np.quantile(u, 0.15))), 1e-3),
+    "lost rows": lambda _, u, y: np.concatenate([y[:2500], y[2520:], np.full(20, y[-1])]),
+    "the clock jitters": lambda rng, _, y: np.interp(K + 0.3 * rng.normal(size=K.size), K, y),
+    "limits the slew rate": lambda rng, u, _: noisy(rng, loops(rng, slewing(u, 0.02)), 1e-3),
+}
+CONTROLS: dict[str, Callable[[Vector], Vector]] = {
+    "saturation": lambda u: np.tanh(2.5 * u),
+    "backlash": lambda u: play(u, np.array([0.3]), u[:1])[0][:, 0],
+    "a coarse quantiser": lambda u: 0.03 * np.round(u / 0.03),
+    "a held drive": lambda u: u[K // 7 * 7],
+    "ringing": lambda u: resonant(u, 100.0, 0.05),
+}
+
+
+def signals(u: Vector, y: Vector, model: Vector) -> Signals:
+    made = Recording.from_arrays(u, y, SAMPLE_TIME, output_unit="um")
+    return Signals.of(made, model, 0, float(np.ptp(y)))
+
+
+@pytest.mark.sample(8)
+@pytest.mark.parametrize("form", [1, 3, 4])
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_is_named_alone(fault: str, form: int) -> None:
+    rng = np.random.default_rng(form)
+    u = steps(rng) if "slew" in fault else drive(rng, K.size, form)
+    clean = loops(rng, u, 0.2)
+    (sentence,) = faults_of(signals(u, FAULTS[fault](rng, u, noisy(rng, clean, 5e-4)), clean))
+    assert fault in sentence
+
+
+@pytest.mark.parametrize("noise", [0.0, 2e-3])
+@pytest.mark.parametrize("form", [2, 4, 6])
+@pytest.mark.parametrize("control", CONTROLS)
+def test_what_resembles_a_fault_is_not_named(control: str, form: int, noise: float) -> None:
+    rng = np.random.default_rng(form)
+    u = steps(rng) if form == 6 else drive(rng, K.size, form)
+    clean = CONTROLS[control](u)
+    x = u[K // 7 * 7] if "held" in control else u
+    assert faults_of(signals(x, noisy(rng, clean, noise), clean)) == []
+
+
+def test_an_error_that_no_fault_explains_has_a_sentence_without_a_name() -> None:
+    u = drive(np.random.default_rng(0), K.size, 1)
+    left = signals(u, u + 0.1 * np.sin(9.0 * u), u)
+    assert faults_of(left) == []
+    assert "none of the known faults" in str(unexplained(left))
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.0 + 1e-14])
+def test_a_fault_is_a_finding_of_a_model_and_part_of_a_refusal(factor: float) -> None:
+    rng = np.random.default_rng(2)
+    u = drive(rng, 3000, 1)
+    y = factor * np.minimum(loops(rng, u, 0.2), 0.3)
+    assert "at its limit" in identify(Recording.from_arrays(u, y, SAMPLE_TIME), n=3, m=1).report["findings"][0]
+    y = np.minimum(2.0 * u - loops(rng, u, 0.9), 0.5)
+    with pytest.raises(IdentificationError, match=r"RMS residual .*\. The output stops abruptly at .* its limit$"):
+        identify(Recording.from_arrays(u, y, SAMPLE_TIME))
