@@ -56,7 +56,8 @@ GAIN, NUDGE = 0.1, 1e-6
 """Largest gain that further unknowns must have, as a share of the cost, and difference of initial states for their
 derivatives, normalised units."""
 MIN_SLOPE, MAX_SLOPE, SHORTEST_STEP, CONVERGED = 1e-3, 1e6, 0.002, 1e-5
-"""Bounds of the slopes of S⁻¹, beyond the upper one of which a sum of weights is lost in rounding; shortest share of a step, and relative decrease of the cost that ends the fit."""
+"""Bounds of the slopes of S⁻¹, beyond the upper one of which a sum of weights is lost in rounding; shortest share of a
+step, and relative decrease of the cost that ends the fit."""
 EXACT, AT_BOUND = 1e-20, 1e-7
 """Cost in normalised units squared at the level of rounding, which is in every cost, so that neither a ratio nor a
 comparison of costs depends on rounding errors, and distance from a bound at which it holds an unknown."""
