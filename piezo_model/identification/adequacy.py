@@ -56,7 +56,7 @@ def check_adequacy(recording: Recording, fitted: ForwardFit, skip: int, fit: Fit
     signals = Signals.of(recording, y_model, skip, math.copysign(fit.span, s.y_scale))
     faults = faults_of(signals)
     u, v = s.unit_input(recording.x[counted]), recording.y[counted] / fit.span
-    free = np.count_nonzero(fitted.free)
+    free = int(np.count_nonzero(fitted.free))
     expected = fit.rms_percent * math.sqrt((fit.samples + free) / max(1, fit.samples - free))
     error, line = (max(percents / 100.0, FLOOR) for percents in (expected, fit.line_percent))
     own = v - y_model[counted] / fit.span
