@@ -66,8 +66,8 @@ def check_adequacy(recording: Recording, fitted: ForwardFit, skip: int, fit: Fit
     reasons = {
         f"the drive is undersampled, with {period:.1f} samples a period, or aliased, so that its turning points, "
         "on which hysteresis depends, are lost": roughness(u) > ROUGH
-        and error > UNDERSAMPLED * line
-        and line > NOTABLE,
+        and error > UNDERSAMPLED * line > UNDERSAMPLED * NOTABLE
+        and not (noise and error > LOOPS * line),
         "the output falls and rises again on one way of the drive, as the butterfly of a strain over a field, "
         "or as an output that is late": not (follows or faults) and error > POOR and roughness(v) < ROUGH,
         "the model class does not describe these data": not noise and error > NO_BETTER * line,
