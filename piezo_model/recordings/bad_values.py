@@ -1,9 +1,9 @@
-"""Values that were not measured: missing ones, which are NaN; infinite ones, and codes such as 9.9e37; isolated bad
+"""Values that were not measured: unknown ones, which are missing, infinite, or codes such as 9.9e37; isolated bad
 samples, each far from both of its neighbours, to which the other signal shows nothing; and one value beyond all others,
 to which the output drops out again and again.
 
-A missing output is not counted, of any length, up to half of the rows. A missing drive is interpolated over a few rows;
-over more of them the states of the operators are not known afterwards, so the rows are cut out and a part begins.
+An unknown output is not counted, of any length, up to half of the rows. An unknown drive is interpolated over a few
+rows; over more of them the states of the operators are not known afterwards, so the rows are cut out and a part begins.
 
 Real jumps of a drive stay, come again, or move the output; a bad sample does none of this. The drive there is replaced
 before the operators see it, and the sample is not counted.
@@ -12,6 +12,7 @@ before the operators see it, and the sample is not counted.
 import math
 
 import numpy as np
+from scipy import ndimage
 
 from piezo_model.recordings.rows import LEAST_ROWS, Rows
 from piezo_model.recordings.table import ABSURD, RecordingError
@@ -24,7 +25,7 @@ LONGEST_FILL = 10
 FILLED = 0.01
 """Largest share of rows whose drive is interpolated."""
 MOST_BAD = 2
-"""Most codes and infinite values of a signal, and most bad samples: more of them are a property of the signal."""
+"""Most bad samples of a signal: more of them are a property of it."""
 LEAST_PART = 16
 """Fewest rows between two that are cut out."""
 UNLIKE = 10.0
@@ -45,17 +46,9 @@ SHOWN = 1 << 16
 """Rows from the start that show whether an output is held."""
 
 
-def drop_codes(rows: Rows) -> None:
-    """Take a few infinite or absurd values, each alone, as missing ones."""
-    for k, (label, values) in enumerate(zip(rows.labels, rows.signals, strict=True)):
-        known = np.abs(values) < ABSURD
-        at = np.flatnonzero(~(known | np.isnan(values)))
-        beside = known[np.concatenate([at - 1, at + 1]) % rows.length]
-        if 0 < at.size <= MOST_BAD and rows.length >= LEAST_ROWS and beside.all():
-            rows.repairs += [
-                f"{label} is {values[row]:g} in {rows.where(int(row))}, which is not measured" for row in at
-            ]
-            rows.signals[k] = np.where(known, values, np.nan)
+def unknown(values: Vector) -> Mask:
+    """Which values are missing, infinite, or codes."""
+    return ~(np.abs(values) < ABSURD)
 
 
 def drop_incomplete_end(rows: Rows) -> None:
@@ -64,7 +57,7 @@ def drop_incomplete_end(rows: Rows) -> None:
     Raises
     ------
     RecordingError
-        Values that are infinite or absurd, missing times, or too many missing values.
+        Missing times, or too many unknown values.
     """
     ends = [] if rows.times is None else [last_known(rows, rows.time_label, rows.times, 0.0)]
     for k, (label, values) in enumerate(zip(rows.labels, rows.signals, strict=True)):
@@ -76,71 +69,66 @@ def drop_incomplete_end(rows: Rows) -> None:
         rows.take(slice(0, min(ends)))
 
 
-def last_known(rows: Rows, label: str, values: Vector, most_missing: float, whole: bool = False) -> int:
-    """Number of rows up to the last value that is known, with ``whole`` of all rows.
+def last_known(rows: Rows, label: str, values: Vector, most_missing: float, arrays: bool = False) -> int:
+    """Number of rows up to the last value that is known; of ``arrays`` all, and what is missing in them is NaN.
 
     Raises
     ------
     RecordingError
-        Values that are infinite or absurd, or before that row a larger share of missing ones.
+        Before that row a larger share of unknown values.
     """
-    bad = ~(np.abs(values) < ABSURD)
-    end = values.size - (0 if whole or not values.size else int(np.argmin(bad[::-1])))
+    bad = unknown(values)
+    end = values.size - (0 if arrays or not values.size else int(np.argmin(bad[::-1])))
     too_many = bool(np.count_nonzero(bad[:end]) > most_missing * end)
     if too_many and most_missing == MOST_MISSING:  # unless it is a sensor that is slower than the drive
         spans = np.diff(np.flatnonzero(~bad))
         too_many = bool(spans.size < LEAST_PART or spans.max() > 2.0 * np.median(spans))
-    if bad.any() and (end < 2 or not np.isnan(values[bad]).all() or too_many):
-        raise _bad_value(rows, label, values, bad)
+    if bad.any() and (end < 2 or too_many or (arrays and not np.isnan(values[bad]).all())):
+        raise _bad_value(rows, label, values)
     return end
 
 
-def _bad_value(rows: Rows, label: str, values: Vector, bad: Mask) -> RecordingError:
-    at, many = int(np.argmax(bad)), int(np.count_nonzero(bad))
-    value = float(values[at])
-    kind = "missing (or NaN)" if math.isnan(value) else "infinite" if math.isinf(value) else f"{value:g}"
-    absurd = ", which is too large for a measured value" if math.isfinite(value) else ""
-    in_all = f"; in all {many} of {values.size} values are missing, infinite or absurd" if many > 1 else ""
-    return RecordingError(f"{rows.path}: {label} is {kind} in {rows.where(at)}{absurd}{in_all}")
+def _kind(value: float) -> str:
+    return "missing" if math.isnan(value) else "infinite" if math.isinf(value) else f"{value:g}"
+
+
+def _bad_value(rows: Rows, label: str, values: Vector) -> RecordingError:
+    bad = np.flatnonzero(unknown(values))
+    absurd = ", which is too large for a measured value" if math.isfinite(values[bad[0]]) else ""
+    in_all = f"; in all {bad.size} of {values.size} values are missing, infinite or absurd" if bad.size > 1 else ""
+    return RecordingError(
+        f"{rows.path}: {label} is {_kind(values[bad[0]])} in {rows.where(int(bad[0]))}{absurd}{in_all}"
+    )
 
 
 def fill(rows: Rows) -> None:
-    """Interpolate missing values, which do not count, and cut out rows where the drive is missing for longer.
+    """Interpolate unknown values, which do not count, and cut out rows where the drive is unknown for longer.
 
     Raises
     ------
     RecordingError
-        Too many values of the drive are missing.
+        Too many values of the drive are unknown.
     """
-    drive = np.isnan(rows.signals[0])
-    if drive.any():
-        bounds = np.flatnonzero(np.diff(drive, prepend=False, append=False))
-        first, last = bounds[::2], bounds[1::2]
-        long = (last - first > LONGEST_FILL) | (first == 0)
-        cut = _runs(first[long], last[long])
-        filled = int(np.count_nonzero(drive)) - cut.size
-        parts = np.diff([0, *np.column_stack([first[long], last[long]]).ravel(), rows.length])[::2]
-        short_part = ((parts > 0) & (parts < LEAST_PART)).any() or (long.any() and len(rows.signals) == 1)
-        if filled > max(FILLED * rows.length, MOST_BAD) or short_part:
-            raise _bad_value(rows, rows.labels[0], rows.signals[0], drive)
-        if filled:
-            short = _runs(first[~long], last[~long])
-            rows.repairs.append(f"{rows.labels[0]} is missing in {rows.named(short)} and was interpolated, not counted")
-        if cut.size:
-            rows.repairs.append(
-                f"{rows.labels[0]} is missing in {cut.size} rows from {rows.named(cut, 1)} on, which were cut out"
-            )
-            rows.starts = sorted({*rows.starts, *last[long].tolist()})
-            rows.take(np.delete(np.arange(rows.length), cut))
-        rows.replace(0, np.isnan(rows.signals[0]))
-    for k, label in enumerate(rows.labels[1:], start=1):
-        missing = np.isnan(rows.signals[k])
-        if missing.any():
-            rows.repairs.append(
-                f"{label} is missing in {rows.named(np.flatnonzero(missing))}: {np.count_nonzero(missing)} of "
-                f"{rows.length} samples move the operators and are not counted"
-            )
-            rows.replace(k, missing)
+    for k, label in enumerate(rows.labels):
+        if not (bad := unknown(values := rows.signals[k])).any():
+            continue
+        long = np.zeros_like(bad)
+        if k == 0:
+            long = ndimage.binary_opening(bad, np.ones(LONGEST_FILL + 1))
+            long[: np.argmin(bad)] = True  # where no line can begin
+            kept = np.flatnonzero(np.diff(long, prepend=True, append=True)).reshape(-1, 2)
+            too_short = long.any() and (np.diff(kept).min() < LEAST_PART or len(rows.signals) == 1)
+            if too_short or np.count_nonzero(bad & ~long) > max(FILLED * rows.length, MOST_BAD):
+                raise _bad_value(rows, label, values)
+        for unlike, what in ((bad & ~long, "move the operators and are not counted"), (long, "are cut out")):
+            if (at := np.flatnonzero(unlike)).size:
+                rows.repairs.append(
+                    f"{label} is {_kind(values[at[0]])} in {rows.named(at)}: {at.size} of {rows.length} samples {what}"
+                )
+        rows.replace(k, bad)
+        if long.any():
+            rows.starts = sorted({*rows.starts, *kept[1:, 0].tolist()})
+            rows.take(np.flatnonzero(~long))
 
 
 def count_fresh(rows: Rows) -> None:
@@ -158,11 +146,6 @@ def count_fresh(rows: Rows) -> None:
             f"{np.count_nonzero(stale)} of {rows.length} samples move the operators and are not counted"
         )
         rows.replace(1, stale)
-
-
-def _runs(first: Index, last: Index) -> Index:
-    """All rows of some runs."""
-    return np.concatenate([np.empty(0, dtype=int), *map(np.arange, first, last)])
 
 
 def replace_bad_samples(rows: Rows) -> None:
@@ -199,15 +182,15 @@ def _steps(rows: Rows, values: Vector) -> Vector:
     return steps
 
 
-def _largest(steps: Vector, rank: int) -> float:
-    """The step of some rank, the largest being of rank 1; found part by part, since a copy of all needs memory."""
-    parts = np.array_split(steps, 1 + steps.size // 2**20)
-    return float(np.sort(np.concatenate([np.partition(part, -min(rank, part.size))[-rank:] for part in parts]))[-rank])
+def _largest(steps: Vector) -> float:
+    """The largest step that is not of a bad sample: two steps for each of these, and one may be real."""
+    rank = min(2 * MOST_BAD + 2, steps.size)
+    return float(np.partition(steps, -rank)[-rank])
 
 
 def _isolated(values: Vector, steps: Vector) -> Index:
     """Samples far from both neighbours, or from the one at an end; none if more than ``MOST_BAD``."""
-    least = UNLIKE * _largest(steps, 2 * MOST_BAD + 2)  # two steps for each bad sample, and one may be real
+    least = UNLIKE * _largest(steps)
     large = np.flatnonzero(steps > least)
     if not large.size or least == 0.0:
         return np.empty(0, dtype=int)
@@ -237,4 +220,4 @@ def _dropped_out(values: Vector, drive: Vector) -> Mask:
 def _answers(steps: Vector, row: int) -> bool:
     """Whether a signal jumps where the other one does."""
     near = steps[max(row - 1, 0) : row + REACH]
-    return bool(near.size and near.max() > ANSWER * _largest(steps, 2 * MOST_BAD + 2))
+    return bool(near.size and near.max() > ANSWER * _largest(steps))

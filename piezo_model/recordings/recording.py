@@ -243,7 +243,7 @@ class Recording(Source):
             )
         rows = Rows(name, ["input", "output"], [np.copy(signal) for signal in signals.values()], "sample {}".format)
         for label, signal, most in zip(rows.labels, rows.signals, (0.0, MOST_MISSING), strict=True):
-            last_known(rows, label, signal, most, whole=True)
+            last_known(rows, label, signal, most, arrays=True)
         if (missing := np.isnan(rows.signals[1])).any():
             rows.replace(1, missing)
         return cls._of({"name": name, "sample_time": float(sample_time)}, rows, (input_unit, output_unit))

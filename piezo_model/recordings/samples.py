@@ -9,7 +9,7 @@ In order: codes and missing values (`bad_values`), the order of rows, parts and 
 
 import numpy as np
 
-from piezo_model.recordings.bad_values import count_fresh, drop_codes, drop_incomplete_end, fill, replace_bad_samples
+from piezo_model.recordings.bad_values import count_fresh, drop_incomplete_end, fill, replace_bad_samples
 from piezo_model.recordings.clock import Clock
 from piezo_model.recordings.options import ReadOptions
 from piezo_model.recordings.rows import Rows, begin_parts, drop_repeats, is_near, refuse_sorted, sort_by_time
@@ -39,7 +39,6 @@ def sample(rows: Rows, seconds: float, period: float, options: ReadOptions) -> t
     RecordingError
         Rows that cannot be repaired, or with ``strict`` that have to be.
     """
-    drop_codes(rows)
     drop_incomplete_end(rows)
     sort_by_time(rows)
     fill(rows)

@@ -115,8 +115,8 @@ def test_arrays_are_copied() -> None:
         ([1, 2, 3], [1, 2], 1e-3, r"of one length.*\(3,\) and \(2,\)"),
         ([[1, 2]], [[1, 2]], 1e-3, "one-dimensional"),
         ([], [], 1e-3, "not empty"),
-        ([1, np.nan, 3], [1, 2, 3], 1e-3, "arrays: input is missing .or NaN. in sample 1"),
-        ([1, 2, 3, np.nan, np.nan], [1, 2, 3, 4, 5], 1e-3, "input is missing .or NaN. in sample 3"),
+        ([1, np.nan, 3], [1, 2, 3], 1e-3, "arrays: input is missing in sample 1"),
+        ([1, 2, 3, np.nan, np.nan], [1, 2, 3, 4, 5], 1e-3, "input is missing in sample 3"),
         ([1, 2, 3, 4, 5], [*[np.nan] * 3, 4, 5], 1e-3, "in all 3 of 5 values are missing"),
         ([1, 2, 3], [1, 2, np.inf], 1e-3, "output is infinite in sample 2"),
         ([2, 2, 2], [1, 2, 3], 1e-3, "input is constant, all 3 values are 2"),
@@ -170,7 +170,7 @@ def test_a_reference_may_be_constant_or_one_column_of_a_given_period(
     ("lines", "sentence"),
     [
         (("time_s,a,b", "0,1,2", "1,2,3"), "which column is the reference.*name it with --reference"),
-        (("time_s,ref", "0,1", "1,"), r"'ref' is missing .or NaN. in row 3"),
+        (("time_s,ref", "0,1", "1,"), r"'ref' is missing in row 3"),
         (("time_s,ref", *(f"{max(k - 1, 0)},{k}" for k in range(12))), r"stands still in row 3 \(data row 2\)"),
     ],
 )
@@ -228,20 +228,20 @@ def test_a_truncated_or_damaged_parquet_file_is_refused(tmp_path: Path, spoil: C
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
 def test_values_that_are_not_finite_are_counted(tmp_path: Path, suffix: str) -> None:
     columns = signals(100_000)
-    columns["voltage_V"][[70_000, 70_001, 99_999]] = np.nan, np.inf, np.nan
+    columns["voltage_V"][70_000::20] = np.tile([np.nan, np.inf], 750)
     path = tmp_path / f"stage{suffix}"
     pq.write_table(pa.table(columns), path) if suffix == ".parquet" else text_file(
         tmp_path, HEADER, *(f"{t:.3f},{x},{y}" for t, x, y in zip(*columns.values(), strict=True))
     )
     sentence = refusal(path)
-    assert "column 'voltage_V' is missing (or NaN) in" in sentence
+    assert "column 'voltage_V' is missing in" in sentence
     assert "data row 70001" in sentence
-    assert "in all 3 of 100000 values are missing, infinite or absurd" in sentence
+    assert "in all 1500 of 100000 values are missing, infinite or absurd" in sentence
 
 
 PARQUET: list[tuple[dict[str, object], dict[str, str], str]] = [
     ({"u": pa.array([], pa.float64()), "t": pa.array([], pa.float64())}, {}, "is a Parquet file of zero rows"),
-    ({"u": [1, None, 3]}, {}, "column 'u' is missing (or NaN) in data row 2"),
+    ({"u": [1, None, 3]}, {}, "column 'u' is missing in data row 2"),
     *(
         ({"u": values}, options, sentence)
         for values in (["1", "2", "3"], [True, False, True])
