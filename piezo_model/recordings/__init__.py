@@ -10,9 +10,8 @@ Table                     named columns (`array_table`, also of `Recording.of`; 
  │   Table.read           the chosen columns as float64, clocks as seconds (`clock_cells`)
  ▼
 Rows                      times and signals
- │   samples.sample       missing and bad values (`bad_values`), order, repeats and parts (`rows`), the period
- │                        (`clock`), an even clock
- │   opening              a question where the numbers cannot be in their units
+ │   opening.read_signals unknown and bad values (`bad_values`), order, repeats and parts (`rows`), the period
+ │                        (`clock`), an even clock, a question where the numbers cannot be in their units
  ▼
 Recording(x, y)           with starts, uncounted and remarks (`recording`; in two files: `joining`)
 """

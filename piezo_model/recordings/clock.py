@@ -73,8 +73,8 @@ class Clock:
     tolerance: float
     """Largest deviation of an interval, as a share of the period."""
 
-    def sampling(self, even: bool = True) -> tuple[float, float]:
-        """Sampling period, and visible rounding of the times, in seconds.
+    def sampling(self, even: bool = True) -> float:
+        """Sampling period in seconds.
 
         Raises
         ------
@@ -107,7 +107,7 @@ class Clock:
             self._refuse_uneven(times, stride, period, resolution + stride * (self.tolerance * period + error))
         check_sample_time(f"{self.rows.path}: {self.rows.time_label}: ", mean * self.seconds)
         uncertainty = (resolution / (n - 1) + 1e-9 * mean) * self.seconds
-        return _shortest(mean * self.seconds, uncertainty), resolution * self.seconds
+        return _shortest(mean * self.seconds, uncertainty)
 
     def _rounding_shows(self, steps: Vector, mean: float, digit: float) -> bool:
         """Whether the last digit explains unequal intervals: not if it divides the period and nearly all are equal."""

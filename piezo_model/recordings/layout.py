@@ -56,8 +56,6 @@ class Layout:
     """Character at which the first row starts in the header's line, if the header lacks its line break."""
     quoted: bool = False
     """Whether there are quotes in the first lines; others are taken as they are."""
-    unread_period: str = ""
-    """What states a sampling period, and cannot be read as one."""
 
 
 @dataclass
@@ -170,10 +168,9 @@ def layout_of(
     for k, kind in enumerate(kinds):
         if f"NAME{k}" in told:
             beside[k] = Column.named(told[f"NAME{k}"], told.get(f"UNIT{k}", ""), kind=kind)
-    period, unread = period_in([*lines[: layout.start], *stated])
+    period = period_in([*lines[: layout.start], *stated])
     return replace(
         layout,
-        unread_period=unread,
         columns=tuple(replace(beside.get(k, column), sample_time=period) for k, column in enumerate(layout.columns)),
         remarks=frozenset(
             as_remark(line)

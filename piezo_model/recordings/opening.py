@@ -1,5 +1,12 @@
-"""From a file to samples: the table of its format, the roles of its columns, the rows that are wanted, and a question
-where the numbers cannot be in their units."""
+"""From a file to even samples: the table of its format, the roles of its columns, the rows that are wanted, what is
+wrong with them, which is repaired where that is safe, and said, or refused with its row, and a question where the
+numbers cannot be in their units.
+
+The repairs in order: unknown values (`bad_values`), the order of rows, parts and repeated stamps (`rows`), the clock
+(`clock`), isolated bad samples (`bad_values`), and an even clock by linear interpolation,
+
+    y(t_0 + k T) = y_i + (y_{i+1} − y_i) (t_0 + k T − t_i) / (t_{i+1} − t_i),   t_i ≤ t_0 + k T ≤ t_{i+1}.
+"""
 
 import math
 from collections.abc import Mapping
@@ -10,10 +17,19 @@ from typing import Any
 
 import numpy as np
 
+from piezo_model.recordings.bad_values import count_fresh, drop_incomplete_end, fill, replace_bad_samples
+from piezo_model.recordings.clock import Clock
 from piezo_model.recordings.options import ReadOptions
 from piezo_model.recordings.roles import choose_roles
-from piezo_model.recordings.rows import Rows, sweep_starts
-from piezo_model.recordings.samples import sample
+from piezo_model.recordings.rows import (
+    Rows,
+    begin_parts,
+    drop_repeats,
+    is_near,
+    refuse_sorted,
+    sort_by_time,
+    sweep_starts,
+)
 from piezo_model.recordings.table import ABSURD, FEW_ROWS, RecordingError, Table
 from piezo_model.units import LENGTHS, PREFIXES, VOLTAGES, canonical, quantity, seconds
 from solvers.arrays import Mask, Vector
@@ -25,6 +41,9 @@ CLOCK_TOLERANCE = 0.01
 MOST_VOLTS, MOST_METRES, LONGEST_PERIOD_S = 1e4, 1.0, 60.0
 """Largest voltage, travel and sampling period that need no confirmation."""
 GUESS = " (seconds are a guess, otherwise --time-unit)"
+MOST_SAMPLES = 1_000_000_000
+MOST_MULTIPLIED = 10
+"""Largest ratio of samples to rows that needs no confirmation."""
 PREFIX = {"p": 1e-12, **PREFIXES}
 
 
@@ -114,7 +133,7 @@ def read_signals(
     if roles.unread is not None:
         _refuse_other_clock(table, roles.unread, columns[roles.unread], period * step, options)
     del columns
-    found, resolution = sample(rows, unit, period * step, options)
+    found = _sampled(rows, unit, period * step, options)
     is_number = time is not None and table.columns[time].kind == "number"
     guessed = is_number and not (time is None or table.columns[time].unit or options.time_unit)
     is_stated = time is None and options.sample_time is None and stated is not None
@@ -136,10 +155,64 @@ def read_signals(
         "form": f"{table.form}, which states the sampling period" if is_stated else table.form,
         "remarks": (*table.repairs, *rows.remarks, *rows.repairs),
         "guessed_seconds": guessed,
-        "time_resolution": resolution,
     }
     units = [_unit(table, *item, values, options) for item, values in zip(signals.items(), rows.signals, strict=True)]
     return about, rows, units
+
+
+def _sampled(rows: Rows, unit: float, period: float, options: ReadOptions) -> float:
+    """Make rows even samples, in place; their sampling period, which is given for rows without times."""
+    drop_incomplete_end(rows)
+    sort_by_time(rows)
+    fill(rows)
+    refuse_sorted(rows)
+    begin_parts(rows, even=options.resample is None)
+    found = _sampling(rows, unit, period, options)
+    count_fresh(rows)
+    replace_bad_samples(rows)
+    if options.strict and rows.repairs:
+        raise RecordingError(f"{rows.path}: {rows.repairs[0]}; without --strict that is repaired")
+    return found if options.resample is None else _resampled(rows, unit, options)
+
+
+def _sampling(rows: Rows, unit: float, period: float, options: ReadOptions) -> float:
+    """The sampling period of the times, without rows that only repeat the one before; that which is known for rows
+    without times."""
+    if rows.length < 2:
+        raise RecordingError(
+            f"{rows.path}: has {'1 data row' if rows.length else 'no data rows'}, and a recording needs two"
+        )
+    if rows.times is None:
+        return period
+    try:
+        return Clock(rows, unit, options.time_tolerance).sampling(even=options.resample is None)
+    except RecordingError:
+        if not drop_repeats(rows):
+            raise
+    return _sampling(rows, unit, period, options)
+
+
+def _resampled(rows: Rows, unit: float, options: ReadOptions) -> float:
+    """Interpolate to an even clock; a sample counts if the rows on both of its sides do."""
+    times, period = rows.times, options.resample
+    assert times is not None
+    assert period is not None
+    count, duration = rows.length, float(times[-1] - times[0]) * unit
+    length = int(duration / period + 1e-9) + 1
+    if not 2 <= length <= (MOST_SAMPLES if options.time_unit else MOST_MULTIPLIED * count):
+        raise RecordingError(
+            f"{rows.path}: --resample {period:g} makes {length} samples of {count} rows over {duration:g} s; are the "
+            "times in another unit? --time-unit states it, or confirms it"
+        )
+    grid = times[0] + period / unit * np.arange(length)
+    rows.signals = [np.interp(grid, times, signal) for signal in rows.signals]
+    near = is_near(grid, times, max(period / unit, float(np.median(np.diff(times)))))
+    rows.uncounted = (np.interp(grid, times, rows.uncounted) > 0.0) | ~near
+    rows.starts = np.unique(np.searchsorted(grid, times[rows.starts])).tolist()
+    rows.times = grid
+    far = f"; {np.count_nonzero(~near)} of {length} samples are far from a row, and not counted" * (not near.all())
+    rows.remarks.append(f"interpolated from {count} rows at the times of the file{far}")
+    return period
 
 
 def seconds_per_unit(table: Table, time: int, options: ReadOptions) -> float:

@@ -3,7 +3,7 @@
 The file, in any format of :mod:`piezo_model.recordings.formats`, has columns for the input x_k and the output y_k, and
 for the time t_k = t_0 + k T unless T is known. It is read and checked once, when it is opened. Columns that the user
 does not name are guessed (:mod:`piezo_model.recordings.roles`), and ``describe()`` reports the guesses; the checks are
-in :mod:`piezo_model.recordings.samples`, and each repair is one of ``remarks``.
+in :mod:`piezo_model.recordings.opening`, and each repair is one of ``remarks``.
 """
 
 import hashlib
@@ -21,7 +21,7 @@ from piezo_model.recordings.array_table import Arrays, table_of
 from piezo_model.recordings.bad_values import MOST_MISSING, last_known
 from piezo_model.recordings.joining import joined
 from piezo_model.recordings.opening import GUESS, open_table, read_signals
-from piezo_model.recordings.options import TIME_TOLERANCE, ReadOptions
+from piezo_model.recordings.options import ReadOptions
 from piezo_model.recordings.rows import Rows
 from piezo_model.recordings.table import RecordingError, check_sample_time
 from piezo_model.structure import SMALLEST
@@ -45,8 +45,6 @@ class Source:
     """Format and dialect of the file, as a clause: "text, separated by tabs, header in row 3"."""
     remarks: tuple[str, ...] = ()
     """What was left out, filled in or put in order, each as a clause."""
-    time_resolution: float = 0.0
-    """Visible rounding of the times, in seconds."""
     guessed_seconds: bool = False
     """Whether nobody states the unit of the times."""
     units: str = ""
@@ -340,8 +338,6 @@ class Recording(Source):
         gaps = int(np.count_nonzero(self.uncounted))
         more = {
             f" by {self.columns.get('time')!r}": "time" in self.columns,
-            f", rounded to {quantity(self.time_resolution, 's')}": self.time_resolution
-            > TIME_TOLERANCE * self.sample_time,
             f"; {gaps} of them not counted": gaps,
         }
         first = (

@@ -298,8 +298,6 @@ def _question(table: Table, missing: Sequence[str]) -> str:
     way_out = f"name {'it' if len(missing) == 1 else 'them'} with {' and '.join(f'--{role}' for role in missing)}"
     if list(missing) == ["time"]:
         way_out = "name it with --time, or say --sample-time or --sample-rate if there is none"
-        if table.unread_period:
-            way_out += f"; {table.unread_period!r} cannot be read as one sampling period"
     return (
         f"{table.path}: cannot tell which column is the {' and which the '.join(missing)}; its columns are "
         f"{_listed(table)}; {way_out}"

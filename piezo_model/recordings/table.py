@@ -117,8 +117,6 @@ class Table:
     """Rows that are left out, as clauses."""
     clocks: Callable[..., np.ndarray] | None = field(default=None, repr=False)
     """Times of a column of clocks as text, of its batches and of label and rows for error messages."""
-    unread_period: str = ""
-    """What states a sampling period, and cannot be read as one."""
     title: str = ""
     """Name of its sheet, or the text above it, by which the user chooses among the tables of a file."""
     rows: int = 0
@@ -150,34 +148,30 @@ class Table:
             raise RecordingError(f"{self.path}: the columns are not of one length: {lengths}")
         first, stop, step = rows.start or 0, rows.stop, rows.step or 1
         most = free_memory() / (8 * COPIES * max(len(columns), 1))
-        stated = int(min(most, len(range(self.columns[columns[0]].rows or 0)[rows])))
-        numbers, clocks = [np.empty(stated) for _ in columns], list[list[Any]]([[] for _ in columns])
+        parts = list[list[Any]]([[] for _ in columns])
         seen = kept = 0
         for batch in self.batches(columns):
             begin = first - seen if seen < first else -(seen - first) % step
             end = None if stop is None else max(stop - seen, 0)
-            seen, before = seen + len(batch[0]), kept
+            seen += len(batch[0])
             kept += len(batch[0][begin:end:step])
             if kept > most:
                 raise RecordingError(
                     f"{self.path}: has more than {kept} rows, too many for the free memory; read a part of it with "
                     "--from and --to (seconds), or every tenth row with --decimate 10"
                 )
-            for k, values, read, parts in zip(columns, batch, numbers, clocks, strict=True):
-                if self.columns[k].kind == "clock":
-                    parts.append(values[begin:end:step])
-                    continue
-                if kept > read.size:
-                    read.resize(2 * kept, refcheck=False)  # in place, where concatenating would need a copy
-                read[before:kept] = values[begin:end:step]
+            for k, values, read in zip(columns, batch, parts, strict=True):
+                wanted = values[begin:end:step]
+                read.append(wanted if self.columns[k].kind == "clock" else np.array(wanted, dtype=float))
             if stop is not None and seen >= stop:
                 break
-        for i, k in enumerate(columns):
-            if clocks[i]:
-                times = self.clocks or (lambda parts, label, where: np.concatenate(parts))
-                numbers[i] = seconds_since_first(times(clocks[i], self.label(k), self.where))
-            numbers[i].resize(kept, refcheck=False)
-        return numbers
+        return [self._joined(k, parts.pop(0)) for k in columns]
+
+    def _joined(self, k: int, parts: list[Any]) -> Vector:
+        if parts and self.clocks and self.columns[k].kind == "clock":
+            parts = [self.clocks(parts, self.label(k), self.where)]
+        values = np.concatenate(parts or [np.empty(0)])
+        return seconds_since_first(values) if values.dtype.kind in "mM" else values
 
 
 def seconds_since_first(times: np.ndarray) -> Vector:

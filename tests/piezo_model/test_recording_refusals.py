@@ -63,8 +63,8 @@ UNLIKE = [
 ]
 REFUSED: list[tuple[list[str], dict[str, Any], str]] = [
     # files without a table
-    (["", ""], {}, "holds no table"),
-    (["# nothing"], {}, "holds no table"),
+    (["", ""], {}, "holds no data rows"),
+    (["# nothing"], {}, "holds no data rows"),
     ([HEADER], {}, " data rows"),
     ([HEADER, "", ""], {}, " data rows"),
     ([HEADER, "0,1,2"], {}, "has 1 data row, and a recording needs two"),
@@ -240,7 +240,7 @@ REFUSED: list[tuple[list[str], dict[str, Any], str]] = [
     (waves(np.delete(np.arange(400) * 1e-3, slice(200, 208))), {}, "interpolates to an even clock"),
     (waves(np.sort(np.random.default_rng(0).uniform(0, 0.4, 400))), {}, "interpolates to an even clock"),
     (waves(TWO_RATES), {"resample": 1e-3, "time": "none"}, "say --sample-time or --sample-rate"),
-    (waves(TWO_RATES), {"resample": 1e3}, "gives 1 samples"),
+    (waves(TWO_RATES), {"resample": 1e3}, "makes 1 samples of 500 rows"),
     (
         waves(np.arange(500) * 1e-3),
         {"sample_time": 1e-2},

@@ -173,7 +173,11 @@ SPOILED: dict[str, tuple[str, dict[str, Any], str]] = {
     "times that are missing": (table(changed(T, 40), X, Y), {}, "time_s' is missing in row 42"),
     "a time that jumps": (table(changed(T, 40, 3.0), X, Y), {}, "runs backwards in row 43"),
     "a short gap": (table(T + 0.02 * (T > 6), X, Y), {}, "has a gap of 0.025 s before row"),
-    "sweeps at two rates": (HALF_RATE, {}, "has two sampling rates: one sample every 0.005 in the first part"),
+    "sweeps at two rates": (
+        HALF_RATE,
+        {},
+        "has two sampling rates: one sample every 0.005 in the first part",
+    ),
     "a sweep of three rows": (table(changed(T, slice(1997, None), T[:3]), X, Y), {}, "runs backwards"),
     "a stray text": (CLEAN.replace(f",{X[50]:.7g},", ",over,", 1), {}, "holds 'over' in row"),
     "an open quote": (CLEAN.replace(f",{X[50]:.7g},", ',"1,', 1), {}, "row 52|quote"),

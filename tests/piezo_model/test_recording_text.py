@@ -3,7 +3,6 @@
 import csv
 import io
 import pickle
-import re
 from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
@@ -213,7 +212,6 @@ def test_clocks_are_read_to_the_nanosecond(tmp_path: Path, form: str, period_ns:
     ]
     recording = Recording.open(text_file(tmp_path, HEADER.strip().replace(",", decimal), *rows))
     assert recording.sample_time == period_ns / 1e9
-    assert recording.time_resolution < 1e-12
 
 
 @pytest.mark.parametrize(
@@ -301,19 +299,11 @@ def test_a_stated_rate_may_have_its_thousands_apart_and_is_named(tmp_path: Path,
 
 
 @pytest.mark.parametrize(
-    ("stated", "shown"),
-    [
-        ("# Sampling rate: 10,5 Hz", "Sampling rate: 10,5 Hz"),
-        ("# dt: 2026-11-28", "dt: 2026-11-28"),
-        ("# dt: 28.11.2026", "dt: 28.11.2026"),
-        ("# dt: 1 ms\n# fs: 100 Hz", "dt: 1 ms, fs: 100 Hz"),
-    ],
+    "stated", ["# Sampling rate: 10,5 Hz", "# dt: 2026-11-28", "# dt: 28.11.2026", "# dt: 1 ms\n# fs: 100 Hz"]
 )
-def test_a_statement_that_is_no_period_is_named_where_one_is_needed_and_is_no_matter_beside_times(
-    tmp_path: Path, stated: str, shown: str
-) -> None:
+def test_a_statement_that_is_no_period_is_not_taken_and_is_no_matter_beside_times(tmp_path: Path, stated: str) -> None:
     path = text_file(tmp_path, f"{stated}\nvoltage_V,height_um\n{rows('{x},{y}')}")
-    with pytest.raises(RecordingError, match=re.escape(f"; {shown!r} cannot be read as one sampling period")):
+    with pytest.raises(RecordingError, match="cannot tell which column is the time"):
         Recording.open(path)
     assert Recording.open(path, sample_time=0.002).sample_time == 0.002
     path = text_file(tmp_path, f"{stated}\ntime_s,voltage_V,height_um\n{rows('{t},{x},{y}')}")

@@ -20,8 +20,6 @@ def open_parquet(path: Path) -> list[Table]:
     """A Parquet file."""
     with ParquetFile(path) as file:
         schema, rows = file.schema_arrow, file.metadata.num_rows
-    if not rows:
-        raise RecordingError(f"{path}: is a Parquet file of zero rows")
 
     def batches(names: list[str] | None) -> Iterator[pa.RecordBatch]:
         # buffered and not prefetched: otherwise a row group, which may be the whole file, is held in memory

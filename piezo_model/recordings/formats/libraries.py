@@ -102,7 +102,7 @@ def _stated(holders: Sequence[Any], datasets: Sequence[Any]) -> float | None:
         for item in datasets
         if item.size == 1 and item.dtype.kind in "iuf"
     ]
-    return period_in(f"{name} = {float(value)!r}" for name, value in scalars)[0]
+    return period_in(f"{name} = {float(value)!r}" for name, value in scalars)
 
 
 def _unit(item: Any) -> str:

@@ -13,12 +13,6 @@ from piezo_model.recordings.text_rows import Source, TextRows, blocks_of, end_of
 HEAD_BYTES = 1 << 18
 """Bytes at the start of a file that determine its format; the header of a text must lie within them."""
 SAMPLE_LINES = 1000
-NO_TABLE = (
-    "holds no table, only blank or comment lines",
-    "has a header and no data rows",
-    "holds no rows of numbers in its first lines; --header-row says which row names the columns",
-)
-"""Why there is none, by the number of lines that are written."""
 BYTE_ORDER_MARKS = {codecs.BOM_UTF8: "utf-8", codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}
 ENCODINGS = {"utf-8": "", "latin-1": " in Latin-1", "utf-16-le": " in UTF-16", "utf-16-be": " in UTF-16"}
 """Encodings, and how a description names them."""
@@ -46,8 +40,9 @@ def tables_of(source: Source, header_row: int | None, decimal: str | None) -> li
     if source.sheet and (layout is None or layout.dialect.separator != "\t"):
         return []
     if layout is None:
-        written = sum(bool(line.strip()) and not line.lstrip().startswith("#") for line in lines)
-        raise RecordingError(f"{path}: {NO_TABLE[min(written, 2)]}")
+        raise RecordingError(
+            f"{path}: holds no data rows, or none in its first lines; --header-row says which row names the columns"
+        )
     regions = regions_of(blocks_of(source, encoding, mark, stop), layout.dialect, lambda text: _size(text, encoding))
     if header_row is not None:  # the user's table ends where the next one begins
         regions = [Region(), *(each for each in regions if header_row and each.line + each.names >= header_row)]
@@ -89,7 +84,6 @@ def _table(
         rows.where,
         left_out,
         times,
-        layout.unread_period,
         ": ".join(filter(None, (source.sheet, region.title))),
         region.rows,
     )
