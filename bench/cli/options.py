@@ -296,6 +296,6 @@ def recording_of(recordings: Sequence[str | Path] | None, reading: Mapping[str, 
 
 def files_of(recording: Path | None, reading: Mapping[str, Any]) -> list[Path]:
     """The file of a recording, or the two that ``input`` and ``output`` name."""
-    from piezo_model.recordings.joining import split_name
+    from piezo_model.recordings.opening import split_name
 
     return [split_name(reading[name])[0] for name in ("input", "output")] if recording is None else [recording]

@@ -10,7 +10,7 @@ import typer
 from bench.cli.options import AsJson, check_writable, positive, reads_a_recording, recording_of, require
 from bench.report.console import console, print_json, print_result, print_table
 from piezo_model import checks, signals
-from piezo_model.recordings import Recording, RecordingError, joining, opening, write_table
+from piezo_model.recordings import Recording, RecordingError, opening, write_table
 from piezo_model.recordings.options import ReadOptions
 from piezo_model.recordings.table import Table
 from piezo_model.units import quantity, shown
@@ -82,7 +82,7 @@ def inspect_verb(
     recording = recording_of([recording] if recording else [], reading)
     options = ReadOptions(**{name: value for name, value in reading.items() if name not in ("time", "input", "output")})
     table = (
-        joining.joined(reading["input"], reading["output"], reading.get("time"), options)[0]
+        opening.joined(reading["input"], reading["output"], reading.get("time"), options)[0]
         if recording is None
         else opening.open_table(recording, {each: reading.get(each) for each in ("time", "input", "output")}, options)
     )

@@ -13,7 +13,7 @@ Rows                      times and signals
  │   opening.read_signals unknown and bad values (`bad_values`), order, repeats and parts (`rows`), the period
  │                        (`clock`), an even clock, a question where the numbers cannot be in their units
  ▼
-Recording(x, y)           with starts, uncounted and remarks (`recording`; in two files: `joining`)
+Recording(x, y)           with starts, uncounted and remarks (`recording`; in two files: `opening.joined`)
 """
 
 from piezo_model.recordings.recording import Recording, Reference, read_reference

@@ -20,7 +20,7 @@ import numpy as np
 from piezo_model.recordings.bad_values import count_fresh, drop_incomplete_end, fill, replace_bad_samples
 from piezo_model.recordings.clock import Clock
 from piezo_model.recordings.options import ReadOptions
-from piezo_model.recordings.roles import choose_roles
+from piezo_model.recordings.roles import NO_CLOCK, Roles, choose_roles
 from piezo_model.recordings.rows import (
     Rows,
     begin_parts,
@@ -213,6 +213,71 @@ def _resampled(rows: Rows, unit: float, options: ReadOptions) -> float:
     far = f"; {np.count_nonzero(~near)} of {length} samples are far from a row, and not counted" * (not near.all())
     rows.remarks.append(f"interpolated from {count} rows at the times of the file{far}")
     return period
+
+
+def split_name(text: str) -> tuple[Path, str | None]:
+    """File and column of ``FILE`` or ``FILE:COLUMN``."""
+    file, _, column = text.rpartition(":")
+    return (Path(file), column) if file and Path(file).is_file() else (Path(text), None)
+
+
+def joined(
+    input: str, output: str, time: str | None, options: ReadOptions
+) -> tuple[Table, dict[str, str], dict[str, str]]:
+    """A table of time, drive and sensor from two files, as an oscilloscope writes its channels, at the times of the
+    first one that both have; by role the number of its column, and the reason of a guess.
+
+    Raises
+    ------
+    RecordingError
+        Columns that cannot be told, or files without times whose numbers of rows differ, or without a time in common.
+    """
+    (first, roles, times, x), (second, others, times_y, y) = (_channel(name, time, options) for name in (input, output))
+    path, repairs, where = f"{first.path} and {second.path}", (*first.repairs, *second.repairs), first.where
+    if not (times.size and times_y.size):
+        if x.size != y.size:
+            raise RecordingError(f"{path}: have {x.size} and {y.size} rows, and no times by which they could be joined")
+    elif times.size != times_y.size or (
+        np.abs(times - times_y).max() > options.time_tolerance * np.ptp(times) / times.size
+    ):
+        common = np.flatnonzero((times >= times_y[0]) & (times <= times_y[-1]))
+        if common.size < 2:
+            raise RecordingError(f"{path}: have no time in common")
+        near = is_near(times[common], times_y, float(np.median(np.diff(times))))
+        y = np.where(near, np.interp(times[common], times_y, y), np.nan)
+        times, x, where = times[common], x[common], lambda row: first.where(int(common[row]))
+        repairs += (f"the output is interpolated at the {times.size} times of the input that both files have",)
+    arrays, columns = [x, y], []
+    for table, of in ((first, roles), (second, others)):
+        column = table.columns[of.columns["reference"]]
+        columns.append(replace(column, name=f"{table.path}/{column.name}", nested=True, rows=None))
+    if times.size:
+        clock = roles.columns["time"]
+        arrays.insert(0, times / seconds_per_unit(first, clock, options))
+        columns.insert(0, replace(first.columns[clock], name="time", nested=False, rows=None))
+    named = {"time": "1" if times.size else NO_CLOCK, "input": str(len(arrays) - 1), "output": str(len(arrays))}
+    reasons = {
+        "time" if key == "time" else role: why
+        for role, of in (("input", roles), ("output", others))
+        for key, why in of.reasons.items()
+    }
+    table = Table(
+        path, f"two files, the first {first.form}", tuple(columns), lambda at: [[arrays[k] for k in at]], where, repairs
+    )
+    return table, named, reasons
+
+
+def _channel(name: str, time: str | None, options: ReadOptions) -> tuple[Table, Roles, Vector, Vector]:
+    """Table, roles, times in seconds (none where the file has none) and values."""
+    path, column = split_name(name)
+    named = {"time": time, "reference": column}
+    table = open_table(path, named, options)
+    roles = choose_roles(table, named, options.sample_time is not None)
+    *times, values = table.read([*roles.columns.values()])
+    if not times:
+        return table, roles, np.empty(0), values
+    known = ~np.isnan(times[0])
+    return table, roles, times[0][known] * seconds_per_unit(table, roles.columns["time"], options), values[known]
 
 
 def seconds_per_unit(table: Table, time: int, options: ReadOptions) -> float:

@@ -19,8 +19,7 @@ from numpy.typing import ArrayLike
 from piezo_model import checks
 from piezo_model.recordings.array_table import Arrays, table_of
 from piezo_model.recordings.bad_values import MOST_MISSING, last_known
-from piezo_model.recordings.joining import joined
-from piezo_model.recordings.opening import GUESS, open_table, read_signals
+from piezo_model.recordings.opening import GUESS, joined, open_table, read_signals
 from piezo_model.recordings.options import ReadOptions
 from piezo_model.recordings.rows import Rows
 from piezo_model.recordings.table import RecordingError, check_sample_time
