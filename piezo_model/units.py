@@ -170,8 +170,6 @@ def seconds(unit: str) -> float | None:
     """
     if unit in SECONDS or not unit:
         return SECONDS[unit or "s"]
-    if unit in UNITS:
-        return None
     registry = _registry()
     return float(registry(unit).to("s").magnitude) if registry.is_compatible_with(unit, "s") else None
 

@@ -4,8 +4,7 @@ path
  │   formats.open_tables  first bytes → one reader a format, which checks sizes before it reads
  │   opening.open_table   of several tables the one that can be the recording, or that the user names
  ▼
-Table                     named columns (`array_table`, also of `Recording.of`; text and sheets: `dialect`, `layout`,
- │                        `text_rows`)
+Table                     named columns (`array_table`, also of `Recording.of`; text and sheets: `layout`, `text_rows`)
  │   roles.choose_roles   by name, unit and elimination; times also by their values
  │   Table.read           the chosen columns as float64, clocks as seconds (`clock_cells`)
  ▼

@@ -128,11 +128,6 @@ class Clock:
                 f"has two sampling rates: one sample every {self._seconds(rates[0])} at its start and one every "
                 f"{self._seconds(rates[1])} at its end"
             )
-        elif step == 0.0:
-            repeated = int(np.count_nonzero(times[1:] == times[:-1]))
-            sentence = f"stands still in {place}, at {self._seconds(times[at])}" + (
-                f" ({repeated} of {times.size} rows repeat the time before them)" if repeated > 1 else ""
-            )
         elif excess[at] > period / 2:
             missing = max(1, round(float(excess[at]) / period))
             sentence = (

@@ -1,7 +1,7 @@
 """Clocks as text (12:34:56.789, 2024-01-31T12:34:56.789+01:00, 31.01.2024 12:34:56,789), exact to the nanosecond.
 
 A column has one form: all of its clocks have a date or none has, and likewise an offset from UTC, which is subtracted.
-Of the orders of day and month in which every date is valid, that with the shortest way through the dates is taken.
+Of the orders of day and month in which most dates are valid, that with the shortest way through the dates is taken.
 """
 
 import math
@@ -56,7 +56,7 @@ def times(chunks: Sequence[pa.StringArray], label: str, where: RowName) -> NDArr
         below_minute = of_day[short] % (60 * SECOND)
         of_day[short] = (of_day[short] - below_minute) // 60 + below_minute
     first = int(np.argmax(known))
-    days = np.array(_days(list(dates), int(date[first])))[date]
+    days = _days(list(dates), int(date[first]))[date]
     offsets = np.array([_offset(each) if bool(each) == bool(zone[first]) else math.nan for each in zones])[zone]
     wrong = np.flatnonzero(known & np.isnan(days + offsets + np.where(of_day < 0, np.nan, 0.0)))
     if wrong.size:
@@ -89,28 +89,25 @@ def _of_day(chunk: pa.StringArray, dates: dict[str, int], zones: dict[str, int])
     )
 
 
-def _days(dates: list[str], first: int) -> list[float]:
+def _days(dates: list[str], first: int) -> NDArray[np.float64]:
     """Days of the distinct dates since the first one; NaN for a date that does not fit, or where one is missing."""
     if not dates[first]:
-        return [math.nan if date else 0.0 for date in dates]
-    orders: tuple[str, ...] = ORDERS
-    read: list[dict[str, int]] = []
-    for date in dates:
-        valid = {}
-        for order in orders if date else ():
-            try:
-                valid[order] = datetime.strptime(re.sub("[./]", "-", date), order).toordinal()
-            except ValueError:  # no such month or day
-                continue
-        orders = tuple(valid) or orders
-        read.append(valid)
+        return np.array([math.nan if date else 0.0 for date in dates])
 
-    def way(order: str) -> tuple[bool, int]:
-        steps = np.diff([valid[order] for valid in read if order in valid])
-        return bool((steps < 0).any()), int(np.abs(steps).sum())
+    def way(days: NDArray[np.float64]) -> tuple[int, bool, float]:
+        known = days[~np.isnan(days)]
+        steps = np.diff(known)
+        return -known.size, bool((steps < 0.0).any()), float(np.abs(steps).sum())
 
-    best = min(orders, key=way)
-    return [float(valid[best] - read[first].get(best, 0)) if best in valid else math.nan for valid in read]
+    days = min((np.array([_ordinal(date, order) for date in dates]) for order in ORDERS), key=way)
+    return np.asarray(days - days[first])
+
+
+def _ordinal(date: str, order: str) -> float:
+    try:
+        return datetime.strptime(re.sub("[./]", "-", date), order).toordinal()
+    except ValueError:  # no such month or day
+        return math.nan
 
 
 def _offset(zone: str) -> float:

@@ -1,4 +1,4 @@
-"""Where the tables of a text are: header, units and the first row of numbers of each.
+"""How a text writes its cells, and where its tables are: header, units and the first row of numbers of each.
 
 A table begins where a line of names that are not those of the table before stands above a row of numbers; so the names
 and numbers of a preamble are a table of few rows, and belong to the one below.
@@ -8,18 +8,42 @@ hold the most numbers; the lines above the first of them are header, units and r
 writes beside its first rows are columns of text.
 """
 
+import csv
 import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
-from piezo_model.recordings.dialect import COMMENT, SEPARATORS, Dialect, cells_of
+from piezo_model.recordings.clock_cells import is_clock
 from piezo_model.recordings.stated_period import period_in
 from piezo_model.recordings.table import FEW_ROWS, Column, Kind, printable
 from piezo_model.units import canonical
 
-SPACED = Dialect(", ", ",")
+SEPARATORS: Mapping[str, str] = {
+    "\t": "tabs",
+    ";": "semicolons",
+    ",": "commas",
+    "|": "bars",
+    " ": "blanks",
+    ", ": "commas with blanks",
+}
+"""Separators in the order of preference, and their names; " " means any run of blanks and tabs, and ", " a comma before
+blanks, as multimeters write beside decimal commas."""
+RUNS: Mapping[str, str] = {" ": r"[ \t]+", ", ": ", +"}
+"""Separators that Arrow does not know; it gets tabs."""
+COMMENT_MARKS = ("#", "%", "//", ";", "!", "**")
+COMMENT = re.compile(rf"\s*(?:{'|'.join(map(re.escape, COMMENT_MARKS))})+\s*")
+MISSING = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---", "#value!", "missing"})
+NULLS = {case(cell) for cell in MISSING for case in (str.lower, str.upper, str.capitalize)} | {"NaN"}
+"""The spellings of MISSING."""
+FLAGS = frozenset({"true", "false", "yes", "no", "on", "off"})
+DECIMAL = {
+    mark: re.compile(rf"[+-]?(?:(?:\d++[{mark}]?\d*+|[{mark}]\d+)(?:[eE][+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE)
+    for mark in ".,"
+}
+LONGEST_VALUE = 100
+"""Characters of a number or a clock; a longer cell is text, so that no hostile one is searched for long."""
 REMARKS_BELOW_HEADER = 2
 WORTH: Mapping[Kind, float] = {"number": 1.0, "clock": 1.0, "flag": 0.3, "empty": 0.0, "text": -0.5}
 """Score of a cell by its kind."""
@@ -37,6 +61,53 @@ GCS_ENTRY = re.compile(r"^#\s*((?:NAME|UNIT)\d+)\s*=\s*(.*?)\s*$", re.MULTILINE)
 """Name or unit of a column in the header of PI's General Command Set array (PI manual SM146, section on GCS arrays)."""
 LINE = re.compile(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+")
 PLAIN = re.compile(r"[0-9+\-.,;|:eE\s]*")
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How rows are written."""
+
+    separator: str
+    decimal: str
+
+    def split(self, line: str) -> list[str]:
+        """Cells of a line."""
+        line = line.rstrip("\r\n")
+        if self.separator in RUNS:
+            return re.split(RUNS[self.separator], line.strip())
+        return [cell.strip() for cell in cells_of(line.strip(" "), self.separator)]
+
+    def is_comment(self, line: str) -> bool:
+        """Whether a line is a comment; a leading semicolon may also be the separator after an empty first cell."""
+        if self.separator == ";" and line.lstrip().startswith(";"):
+            return not any(self.kind(cell) in ("number", "clock") for cell in self.split(line))
+        return bool(COMMENT.match(line))
+
+    def kind(self, cell: str) -> Kind:
+        """Kind of value in a cell."""
+        cell = cell.strip()
+        if cell.lower() in MISSING:
+            return "empty"
+        if len(cell) > LONGEST_VALUE:
+            return "text"
+        if DECIMAL[self.decimal].fullmatch(cell):
+            return "number"
+        if cell.lower() in FLAGS:
+            return "flag"
+        if is_clock(cell):
+            return "clock"
+        return "text"
+
+
+def cells_of(line: str, separator: str) -> list[str]:
+    """Cells of a line with quotes; a line that has a cell beyond the parser's limit is one cell."""
+    try:
+        return next(csv.reader([line], delimiter=separator), [])
+    except csv.Error:
+        return [line]
+
+
+SPACED = Dialect(", ", ",")
 
 
 @dataclass(frozen=True)

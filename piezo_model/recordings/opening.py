@@ -103,8 +103,6 @@ def read_signals(
     RecordingError
         Roles that cannot be told, rows that cannot be read or repaired, or numbers that are to be confirmed.
     """
-    if options.strict and table.repairs:
-        raise RecordingError(f"{table.path}: {table.repairs[0]}; without --strict that is accepted")
     roles = choose_roles(table, named, options.sample_time is not None)
     time = roles.columns.get("time")
     signals = {role: k for role, k in roles.columns.items() if role != "time"}
@@ -124,6 +122,7 @@ def read_signals(
         lambda row: table.where(first + step * row),
         "" if time is None else f"time column {table.names[time]!r}",
         None if time is None else columns[time],
+        repairs=[*table.repairs],
     )
     if outside.any():
         rows.starts = [0, *(np.flatnonzero(outside[:-1] & ~outside[1:]) + 1).tolist()]
@@ -153,7 +152,7 @@ def read_signals(
         "columns": {role: table.names[k] for role, k in roles.columns.items()},
         "reasons": roles.reasons,
         "form": f"{table.form}, which states the sampling period" if is_stated else table.form,
-        "remarks": (*table.repairs, *rows.remarks, *rows.repairs),
+        "remarks": (*rows.remarks, *rows.repairs),
         "guessed_seconds": guessed,
     }
     units = [_unit(table, *item, values, options) for item, values in zip(signals.items(), rows.signals, strict=True)]

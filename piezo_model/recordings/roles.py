@@ -235,19 +235,13 @@ def _find_time_by_values(search: _Search) -> None:
     clocks = [k for k in search.free() if search.table.columns[k].kind == "clock"]
     search.assign("time", clocks, "as the only clock")
     search.assign("time", rising, "as the only one that never falls")
-    search.assign("time", [k for k in rising if profiles[k].uniform], "as the only one that rises evenly")
 
 
-def _time_rank(column: Column) -> tuple[int, int] | None:
+def _time_rank(column: Column) -> int | None:
     """Rank of a name among those of time columns, the best one first; None for another name."""
-    stem = column.stem.casefold()
-    if stem in TIME_WORDS:
-        return 0, TIME_WORDS.index(stem)
-    words = words_of(column)
-    within = [at for at, word in enumerate(TIME_WORDS) if word in words]
-    if within:
-        return 1, within[0]
-    return (2, 0) if column.unit in SECONDS else None
+    whole, words = column.stem.casefold(), words_of(column)
+    fits = [*(word == whole for word in TIME_WORDS), *(word in words for word in TIME_WORDS), column.unit in SECONDS]
+    return fits.index(True) if any(fits) else None
 
 
 def _find_reference(search: _Search, clockless: bool) -> None:

@@ -83,8 +83,6 @@ class Profile(NamedTuple):
     """Never falls, and is not constant."""
     counts: bool
     """Increases by one in every row: an index."""
-    uniform: bool
-    """Increases nearly evenly."""
 
 
 def _profile(values: Vector) -> Profile:
@@ -97,7 +95,6 @@ def _profile(values: Vector) -> Profile:
         float(known.max()),
         least >= 0.0 < most,
         least == most == 1.0,
-        most - least <= 0.5 * float(steps.mean()),
     )
 
 

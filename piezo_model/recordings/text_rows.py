@@ -16,9 +16,8 @@ from typing import Any, BinaryIO, NamedTuple
 import pyarrow as pa
 import pyarrow.csv as arrow_csv
 
-from piezo_model.recordings.dialect import COMMENT_MARKS, FLAGS, NULLS, RUNS
 from piezo_model.recordings.formats.arrow import array_of
-from piezo_model.recordings.layout import LINE, Layout, as_remark
+from piezo_model.recordings.layout import COMMENT_MARKS, FLAGS, LINE, NULLS, RUNS, Layout, as_remark
 from piezo_model.recordings.table import RecordingError, first_line
 
 BLOCK_BYTES = LONGEST_LINE = 1 << 20

@@ -200,14 +200,17 @@ REFUSED: list[tuple[list[str], dict[str, Any], str]] = [
         (timed(moved(row, -0.006), form), {}, f"time column 'time_s' runs backwards in {place}")
         for (row, place), form in product(ORDINALS.items(), ("{:.3f}", "{!r}"))
     ),
-    *((timed(late(row, -0.005)), {}, f"stands still in {place}") for row, place in ORDINALS.items()),
+    *(
+        (timed(late(row, -0.005)), {}, f" 0 s from row {row} (data row {row - 1}) to {place}, where 0.005 s")
+        for row, place in ORDINALS.items()
+    ),
     (
         timed([*(np.arange(1000) * 125e-6), *[999 * 125e-6] * 100, *(np.arange(1000, 1900) * 125e-6)], "{:.3f}"),
         {},
         "is not sampled uniformly: 0.001 s from row",
     ),
     (timed(["3.0"] * 20), {}, "stands still from row 2 (data row 1) on, at 3 s"),
-    (timed(np.repeat(np.arange(50) * 0.00513, 3)), {}, "stands still in row 3 (data row 2), at 0 s"),
+    (timed(np.repeat(np.arange(50) * 0.00513, 3)), {}, "0 s from row 2 (data row 1) to row 3 (data row 2)"),
     *(
         (
             timed(late(row, missing * 0.005), form),

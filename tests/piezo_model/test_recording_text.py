@@ -74,7 +74,6 @@ FILES: dict[str, tuple[bytes | str, dict]] = {
     "carriage returns alone": (f"time_s,voltage_V,height_um\r{rows('{t},{x},{y}', end=chr(13))}", {}),
     "byte order mark": (b"\xef\xbb\xbf" + (HEADER + rows("{t},{x},{y}")).encode(), {}),
     "UTF-16": ((HEADER + rows("{t},{x},{y}")).replace(",", "\t").encode("utf-16"), {}),
-    "UTF-16 without a mark": ((HEADER + rows("{t},{x},{y}")).encode("utf-16-le"), {}),
     "Latin-1": (f"Zeit [s];Spannung [V];Höhe [µm]\n{rows('{t};{x};{y}')}".encode("latin-1"), {}),
     "decimal comma": (f"time_s;voltage_V;height_um\n{rows('{t};{x};{y}', decimal=',')}", {}),
     "decimal comma and tabs": (HEADER.replace(",", "\t") + rows("{t}\t{x}\t{y}", decimal=","), {}),

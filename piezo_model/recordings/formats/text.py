@@ -5,8 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from piezo_model.recordings.clock_cells import times
-from piezo_model.recordings.dialect import SEPARATORS
-from piezo_model.recordings.layout import LINE, Layout, Region, layout_of, regions_of
+from piezo_model.recordings.layout import LINE, SEPARATORS, Layout, Region, layout_of, regions_of
 from piezo_model.recordings.table import RecordingError, Table
 from piezo_model.recordings.text_rows import Source, TextRows, blocks_of, end_of_rows
 
@@ -107,11 +106,7 @@ def _encoding(path: Path, head: bytes) -> tuple[str, int]:
     for mark, encoding in BYTE_ORDER_MARKS.items():
         if head.startswith(mark):
             return encoding, len(mark)
-    sample = head[:4096]
     if b"\0" in head:
-        for odd, encoding in ((1, "utf-16-le"), (0, "utf-16-be")):
-            if sample[odd::2].count(0) > 0.9 * len(sample[odd::2]) and not sample[1 - odd :: 2].count(0):
-                return encoding, 0
         raise RecordingError(
             f"{path}: is neither plain text nor in a format that is read: Parquet, Arrow, NumPy, HDF5, MATLAB, Excel "
             "or TDMS"
