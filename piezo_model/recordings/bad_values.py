@@ -64,8 +64,7 @@ def drop_incomplete_end(rows: Rows) -> None:
         most = MOST_MISSING if k or rows.length >= LEAST_ROWS else FILLED
         ends.append(last_known(rows, label, values, most))
     if (dropped := rows.length - min(ends)) > 0:
-        incomplete = "row is incomplete and was" if dropped == 1 else f"{dropped} rows are incomplete and were"
-        rows.repairs.append(f"the last {incomplete} left out")
+        rows.repairs.append(f"incomplete rows at the end are left out: {dropped}")
         rows.take(slice(0, min(ends)))
 
 

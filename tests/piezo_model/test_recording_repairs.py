@@ -123,7 +123,7 @@ REPAIRED: dict[str, tuple[str, str, slice, int]] = {
         slice(0),
         1500,
     ),
-    "a row cut off": (CLEAN + "10.0,1", "the last line is incomplete and was left out", slice(0), 0),
+    "a row cut off": (CLEAN + "10.0,1", "incomplete lines at the end are left out: 1", slice(0), 0),
 }
 
 

@@ -188,7 +188,7 @@ def test_a_recording_describes_its_dialect_and_guesses_in_two_lines(tmp_path: Pa
 @pytest.mark.parametrize(("last", "what"), [("3,4", "line"), ("3,4,", "row")])
 def test_an_incomplete_last_row_is_reported(tmp_path: Path, last: str, what: str) -> None:
     recording = Recording.open(text_file(tmp_path, HEADER.strip(), "0,1,2", "1,2,3", "2,2,5", last))
-    assert (recording.length, recording.remarks) == (3, (f"the last {what} is incomplete and was left out",))
+    assert (recording.length, recording.remarks) == (3, (f"incomplete {what}s at the end are left out: 1",))
     assert f"Note: {recording.remarks[0]}." in recording.describe()
 
 

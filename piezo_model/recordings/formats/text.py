@@ -72,9 +72,8 @@ def _table(
         "which holds the first row, too": layout.glued,
     }
     form = ", ".join(clause for clause, holds in clauses.items() if holds)
-    incomplete = "line is incomplete and was" if dropped == 1 else f"{dropped} lines are incomplete and were"
     rows = TextRows(source, encoding, layout, start, stop, region.line)
-    left_out = (f"the last {incomplete} left out",) * (dropped > 0)
+    left_out = (f"incomplete lines at the end are left out: {dropped}",) * (dropped > 0)
     return Table(
         source.path,
         form,
