@@ -54,6 +54,8 @@ class Fitted:
     """First samples that were not counted."""
     later: tuple[States, ...]
     """States before each part but the first."""
+    others: tuple[str, ...] = ()
+    """Digests of the other recordings, of several."""
 
 
 class ModelFile(json_file.Versioned):

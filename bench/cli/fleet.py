@@ -31,7 +31,9 @@ MOST_REFUSED = 12
 
 def only(context: typer.Context, recordings: Sequence[str], out_dir: str | None) -> None:
     """Refuse several recordings in a call without --out-dir, and options for many."""
-    require(out_dir is None and len(recordings) < 2, "--out", "is for one recording, and --out-dir for many")
+    require(
+        out_dir is None and len(recordings) < 2, "--out", "is for one result, and --out-dir for one of each recording"
+    )
     refuse(context, WORKERS, "is for many recordings, with --out-dir")
 
 

@@ -29,7 +29,7 @@ from bench.cli.options import (
     require,
 )
 from bench.fleet import jobs
-from bench.fleet.fleet import local
+from bench.fleet.fleet import local, matching
 from bench.processes.engine import Workers
 from bench.report.console import console, print_result, progress_bar
 from piezo_model import Recording, checks, deployment, recordings
@@ -52,10 +52,10 @@ def identify_verb(
     context: typer.Context,
     reading: dict[str, Any],
     workers: Workers,
-    recording: Annotated[list[str] | None, typer.Argument(help=f"{FILE} Or many, with --out-dir.")] = None,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FILE.json", help="JSON file for the model of one recording.")
+    recording: Annotated[
+        list[str] | None, typer.Argument(help=f"{FILE} Several are of one stage; or of many, with --out-dir.")
     ] = None,
+    out: Annotated[Path | None, typer.Option(metavar="FILE.json", help="JSON file for the model.")] = None,
     out_dir: OutDir = None,
     n: Annotated[
         int | None,
@@ -102,24 +102,30 @@ def identify_verb(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Identify a model of hysteresis and creep from a recording, or one from each of many.
+    """Identify a model of hysteresis and creep from a recording, or from several of one stage, such as a slow and a
+    fast one; or with --out-dir a model from each of many.
 
-    It reports how well the model fits and what the recording lacks; --page draws it.
+    It reports how well the model fits and what the recordings lack; --page draws the fit of one.
     """
     file = recording_of(recording, reading)
     job = jobs.Identifying(reading, n, m, _rates(creep_rates), skip, lag, dynamics, estimator, solver, force)
     if out is None:
         process(job, recording or (), out_dir, workers, "gave a model", as_json, page)
         return
-    only(context, recording or (), out_dir)
-    files = files_of(file, reading)
+    only(context, (), out_dir)
+    places: list[Path | None] = [*map(Path, matching(recording or ()))] or [file]
+    require(page is None or len(places) == 1, "--page", "is for one recording; draw each with validate --page")
+    files = [path for place in places for path in files_of(place, reading)]
     check_writable(out, others=files)
     check_writable(page, "--page", [*files, out])
-    opened = Recording.open(file, **job.opening)
-    if not as_json:
-        console.print(opened.describe())
+    several = []
+    for place in places:
+        several.append(Recording.open(place, **job.opening))
+        if not as_json:
+            console.print(several[-1].describe())
+    opened = several[0]
     with progress_bar() as progress:
-        model = job.of(opened, progress)
+        model = job.of(several, progress)
     model.save(out)
     if page is not None:
         with progress_bar() as progress:

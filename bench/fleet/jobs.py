@@ -68,8 +68,8 @@ class Identifying(Job):
             **{name: float(value) for name, value in zip(s.weight_names, model.weights, strict=True)},
         }
 
-    def of(self, recording: Recording, progress: Progress = silent) -> HysteresisCreepModel:
-        """Identify the model of a recording."""
+    def of(self, recording: Recording | Sequence[Recording], progress: Progress = silent) -> HysteresisCreepModel:
+        """Identify the model of a recording, or of several of one stage."""
         return identify(
             recording,
             n=self.n,

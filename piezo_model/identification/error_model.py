@@ -11,7 +11,8 @@ from threadpoolctl import threadpool_limits
 
 import solvers
 from piezo_model.data_basis import DataBasis
-from piezo_model.identification_problem import IdentificationProblem
+from piezo_model.identification.gram_matrix import gram_of
+from piezo_model.identification_problem import Excitation, IdentificationProblem
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
@@ -96,11 +97,27 @@ def accumulate(
 ) -> IdentificationProblem:
     """The program of a recording: the operators run from the first sample of each part on."""
     solving.passes += 1
+    if len(set(recording.owners)) > 1:
+        return _accumulate_together(recording, counted, s, states, solving)
     basis, y = DataBasis(s, states[0]), np.where(counted, recording.y, np.nan)
     for part, state in zip(recording.parts, states, strict=True):
         basis.state.play[:], basis.state.creep[:] = state.play, state.creep
         basis.update(recording.x[part], y[part])
     return basis.problem(proximal=solving.proximal)
+
+
+def _accumulate_together(
+    recording: Recording, counted: Mask, s: ModelStructure, states: States, solving: Solving
+) -> IdentificationProblem:
+    """The same of several recordings, whose means are weighted and whose creep decays by their own periods."""
+    unit_x, unit_y = s.unit_input(recording.x[counted]), s.unit_output(recording.y)
+    nothing = np.zeros((recording.length, 0))
+    gram, moved = gram_of(recording, counted, s, (states,), unit_y, lambda _part, _samples, rows: rows, nothing)
+    ends = [float(end) for v in (unit_x, unit_y[counted]) for end in (v.min(), v.max())]
+    moved_plays, moved_creep = (tuple(moved[s.slices[i]].tolist()) for i in (0, 2))
+    excitation = Excitation(ends[0], ends[1], ends[2], ends[3], moved_plays, moved_creep)
+    c = 0.5 * float(gram[0, 0])
+    return IdentificationProblem(s, gram[1:, 1:], gram[0, 1:], c, excitation, proximal=solving.proximal)
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 
@@ -37,7 +37,7 @@ from piezo_model.dynamics import Dynamics
 from piezo_model.identification.autocorrelation import autocorrelation_time, independent_samples, inverse_over
 from piezo_model.identification.dynamics_parameters import STEP, Parameters
 from piezo_model.identification.error_model import Solving, States
-from piezo_model.identification.gram_matrix import gram_of
+from piezo_model.identification.gram_matrix import at_period, gram_of
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.operator_state import OperatorState, padded_thresholds
 from piezo_model.recordings import Recording
@@ -76,6 +76,16 @@ class Columns:
     def of(cls, signal: Vector, low: float = -np.inf, high: float = np.inf) -> Columns:
         """One column."""
         return cls(signal[:, None], np.array([low]), np.array([high]))
+
+    @classmethod
+    def none(cls, samples: int) -> Columns:
+        """No column, of a number of samples."""
+        return cls(np.zeros((samples, 0)), np.zeros(0), np.zeros(0))
+
+    def beside(self, others: Columns) -> Columns:
+        """These and others."""
+        pairs = ((self.signals, others.signals), (self.low, others.low), (self.high, others.high))
+        return Columns(*(np.concatenate(pair, axis=-1) for pair in pairs))
 
 
 @dataclass(frozen=True)
@@ -129,7 +139,7 @@ class ForwardFit(Trial):
     further: Vector
     """Weights of the further columns."""
     counted: Mask
-    parts: Sequence[slice]
+    recording: Recording
     P: Matrix
     """Mean of JᵀJ over (v, further, θ), from where the last step began."""
     free: Mask
@@ -152,9 +162,24 @@ class ForwardFit(Trial):
         return self.structure.slope_map @ self.v
 
     @property
+    def parts(self) -> list[slice]:
+        """The samples of each part."""
+        return self.recording.parts
+
+    @property
     def errors(self) -> list[Vector]:
-        """Errors of the counted samples of each part, in normalised units."""
-        return [self.error[part][self.counted[part]] for part in self.parts]
+        """Errors of the counted samples of each part, in normalised units; their mean square is the cost."""
+        weights = _sample_weights(self.recording, self.counted)
+        scaled = self.error if weights is None else self.error * np.sqrt(weights)
+        return [scaled[part][self.counted[part]] for part in self.parts]
+
+    @cached_property
+    def autocorrelation_time(self) -> float:
+        """That of the errors; of several recordings that with which none has more independent samples than it has."""
+        errors, owners = self.errors, np.array(self.recording.owners)
+        samples = sum(error.size for error in errors) / len(set(owners.tolist()))
+        each = ([errors[i] for i in np.flatnonzero(owners == owner)] for owner in np.unique(owners))
+        return max(autocorrelation_time(own) * samples / sum(error.size for error in own) for own in each)
 
     @cached_property
     def independent(self) -> float:
@@ -164,8 +189,8 @@ class ForwardFit(Trial):
     @cached_property
     def covariance(self) -> Matrix:
         """That of (v, further, θ); 0 for those that are not free."""
-        samples, time = sum(error.size for error in self.errors), autocorrelation_time(self.errors)
-        return self.cost * time / samples * inverse_over(self.P, self.free)
+        samples = int(np.count_nonzero(self.counted))
+        return self.cost * self.autocorrelation_time / samples * inverse_over(self.P, self.free)
 
     def improved_by(self, other: ForwardFit, unknowns: int) -> bool:
         """Whether the gain of another fit is worth its further unknowns."""
@@ -200,15 +225,24 @@ def simulate(
     s: ModelStructure, arrays: Arrays, recording: Recording, states: States, dynamics: Dynamics | None = None
 ) -> Vector:
     """Output (N,) of a model in its unit, from the given states before each part."""
-    return _by_parts(recording, recording.x, states, partial(respond, s, arrays, dynamics))
+    return _by_parts(recording, recording.x, states, lambda _, *drive: respond(s, arrays, dynamics, *drive))
 
 
 def _by_parts(
-    recording: Recording, signal: Vector, states: States, respond: Callable[[Vector, OperatorState], Vector]
+    recording: Recording, signal: Vector, states: States, respond: Callable[[float, Vector, OperatorState], Vector]
 ) -> Vector:
-    """A response to a signal (N,), from the states before each part of a recording."""
-    parts = zip(recording.parts, states, strict=True)
-    return np.concatenate([respond(signal[part], state) for part, state in parts])
+    """A response to a signal (N,), from the sampling period of each part of a recording and the states before it."""
+    parts = zip(recording.periods, recording.parts, states, strict=True)
+    return np.concatenate([respond(T, signal[part], state) for T, part, state in parts])
+
+
+def _sample_weights(recording: Recording, counted: Mask) -> Vector | None:
+    """Weights (N,) of the samples, 1 in the mean over those counted; None where they are equal."""
+    if len(set(recording.part_weights)) == 1:
+        return None
+    lengths = [part.stop - part.start for part in recording.parts]
+    weights = np.repeat(recording.part_weights, lengths)
+    return np.asarray(weights / weights[counted].mean())
 
 
 def fit_forward(
@@ -253,7 +287,7 @@ def fit_forward(
     -------
     ForwardFit
     """
-    further = further or Columns(np.zeros((recording.length, 0)), np.zeros(0), np.zeros(0))
+    further = further or Columns.none(recording.length)
     sweeps, free_parts = list(recording.sweeps()), np.flatnonzero(np.array(searched, dtype=bool)).tolist()
     n, d, k = s.n * len(free_parts), s.d, further.low.size
     box = _bounds(s, n, further, creep_limits, parameters)
@@ -261,25 +295,30 @@ def fit_forward(
         box.low[:d] = box.high[:d] = v
     theta, with_lag = (np.zeros(0), False) if parameters is None else (parameters.vector, parameters.with_lag)
     z = np.concatenate([v, *(initial_slopes(s, states[part]) for part in free_parts), np.zeros(k), theta])
-    unit_y = s.unit_output(recording.y)
+    unit_y, sample_weights = s.unit_output(recording.y), _sample_weights(recording, counted)
+    root = 1.0 if sample_weights is None else np.sqrt(sample_weights)
 
     def trial(z: Vector, static: Vector | None = None) -> Trial:
         """The trial of the point of the box next to z; the output before the dynamics may be known."""
         z, begun = box.inside(z), list(states)
         for part, slopes in zip(free_parts, z[d : d + n].reshape(len(free_parts), s.n), strict=True):
             begun[part] = state_with_slopes(sweeps[part], s, slopes)
-        arrays = arrays_of(s, all_weights(s, s.slope_map @ z[:d]))
+        weights = all_weights(s, s.slope_map @ z[:d])
         g = None if parameters is None else parameters.at(z[d + n + k :])
+        at = {T: at_period(s, g, T) for T in recording.periods}
+        models = {T: (own, arrays_of(own, weights), dynamics) for T, (own, dynamics) in at.items()}
         if static is None:
             solving.passes += 1
-            before = partial(before_dynamics, s, arrays, g)
-            static = s.unit_output(_by_parts(recording, recording.x, begun, before))
+            before = _by_parts(recording, recording.x, begun, lambda T, *drive: before_dynamics(*models[T], *drive))
+            static = s.unit_output(before)
         y_model = static
         if g is not None:
-            behind = partial(behind_dynamics, s, arrays, g)
-            y_model = s.unit_output(_by_parts(recording, s.y_centre + s.y_scale * static, begun, behind))
+            before = s.y_centre + s.y_scale * static
+            behind = _by_parts(recording, before, begun, lambda T, *drive: behind_dynamics(*models[T], *drive))
+            y_model = s.unit_output(behind)
         error = unit_y - y_model - further.signals @ z[d + n : d + n + k]
-        own = error if counted.all() else error[counted]
+        own = error if sample_weights is None else error * root
+        own = own if counted.all() else own[counted]
         return Trial(z, begun, g, static, y_model, error, float(own @ own) / own.size + EXACT)
 
     def linearised(at: Trial) -> tuple[Matrix, Vector, Mask]:
@@ -331,7 +370,7 @@ def fit_forward(
         structure=s,
         further=best.z[d + n : d + n + k],
         counted=counted,
-        parts=recording.parts,
+        recording=recording,
         P=P[np.ix_(kept, kept)],
         free=free[kept],
         parameters=None if best.dynamics is None or parameters is None else replace(parameters, start=best.dynamics),

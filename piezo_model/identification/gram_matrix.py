@@ -5,28 +5,39 @@ No more than GRAM_SAMPLES rows are needed: of a longer recording every k-th bloc
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from piezo_model.dynamics import Dynamics
-from piezo_model.identification.error_model import States
-from piezo_model.operator_state import padded_thresholds
+from piezo_model.operator_state import OperatorState, padded_thresholds
 from piezo_model.recordings import Recording
 from piezo_model.regressors import Regressors
 from piezo_model.simulation import behind_amplifier
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Mask, Matrix, Vector
 
-CHUNK, GRAM_SAMPLES, STILL = 4096, 1_000_000, 1e-9
-"""Largest number of samples whose rows are held at once, samples of a Gram matrix, and largest range of an operator at
-rest, normalised units."""
+CHUNK, GRAM_SAMPLES, STILL, SAME_PERIOD = 4096, 1_000_000, 1e-9, 1e-3
+"""Largest number of samples whose rows are held at once, samples of a Gram matrix, largest range of an operator at
+rest, normalised units, and largest relative difference of two sampling periods that are the same."""
+
+
+def at_period(
+    s: ModelStructure, dynamics: Dynamics | None, sample_time: float
+) -> tuple[ModelStructure, Dynamics | None]:
+    """Structure and dynamics for one of several recordings, at its sampling period in s: without modes that are too
+    fast for it, and without a lag where it shows none of them, since the lag of each recording is its own."""
+    if math.isclose(sample_time, s.sample_time, rel_tol=SAME_PERIOD):
+        return s, dynamics
+    below = dynamics and dynamics.below(sample_time)
+    return replace(s, sample_time=sample_time), below if below and below.frequencies_Hz else None
 
 
 def gram_of(
     recording: Recording,
     counted: Mask,
     s: ModelStructure,
-    starts: Sequence[States],
+    starts: Sequence[Sequence[OperatorState]],
     unit_y: Vector,
     columns: Callable[..., Matrix],
     beside: Matrix,
@@ -43,13 +54,14 @@ def gram_of(
     blocks = max(1, math.ceil(recording.length / GRAM_SAMPLES))
     size, r = CHUNK // blocks, padded_thresholds(s)
     lowest, highest = np.full(s.lanes, np.inf), np.full(s.lanes, -np.inf)
-    total, count = np.zeros(()), 0
-    for i, part in enumerate(recording.parts):
-        unit_x = s.unit_input(behind_amplifier(s, dynamics, recording.x[part], starts[0][i]))
+    total, count = np.zeros(()), 0.0
+    for i, (T, weight, part) in enumerate(zip(recording.periods, recording.part_weights, recording.parts, strict=True)):
+        own, lagging = at_period(s, dynamics, T)
+        unit_x = s.unit_input(behind_amplifier(own, lagging, recording.x[part], starts[0][i]))
         first_play = np.clip(starts[0][i].play, unit_x[0] - r, unit_x[0] + r)
         lowest = np.minimum(lowest, np.minimum(first_play, unit_x.min() + r))
         highest = np.maximum(highest, np.maximum(first_play, unit_x.max() - r))
-        regressors, through = [Regressors(s, start[i], slopes=slopes) for start in starts], None
+        regressors, through = [Regressors(own, start[i], slopes=slopes) for start in starts], None
         for k, first in enumerate(range(part.start, part.stop, size)):
             samples = slice(first, min(first + size, part.stop))
             x = unit_x[first - part.start : samples.stop - part.start]
@@ -59,13 +71,13 @@ def gram_of(
                     each.advance(x)
                 continue
             J = columns(i, samples, *(each.rows(x, unit_y[samples]) for each in regressors))
-            if dynamics is not None:
-                through = through or dynamics.stream(s.sample_time)
+            if lagging is not None:
+                through = through or lagging.stream(own.sample_time)
                 J = through(J)
             chosen = np.hstack([J, beside[samples]])
             if not counted[samples].all():
                 chosen = chosen[counted[samples]]
-            total, count = total + chosen.T @ chosen, count + len(chosen)
+            total, count = total + weight * (chosen.T @ chosen), count + weight * len(chosen)
     plays = (highest - lowest > STILL)[: s.n + 1]
     moved = np.ones(s.d, dtype=bool)  # a piece of S⁻¹ that the output never enters has a column of zeros
     moved[s.slices[0]], moved[s.slices[2]] = plays[1:], plays[: s.creep_weights]

@@ -14,9 +14,9 @@ Data that the model class does not describe are refused.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from functools import partial
+from typing import Literal, cast, get_args
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from piezo_model import checks
@@ -38,6 +38,7 @@ from piezo_model.identification.error_model import (
 )
 from piezo_model.identification.fit_errors import Fit, fit_of
 from piezo_model.identification.forward import Columns, ForwardFit, fit_forward, simulate
+from piezo_model.identification.gram_matrix import SAME_PERIOD
 from piezo_model.identification.intervals import intervals
 from piezo_model.identification.report import FitReport
 from piezo_model.identification.selection import (
@@ -48,11 +49,13 @@ from piezo_model.identification.selection import (
     Selection,
     select,
 )
+from piezo_model.identification.several import Together, aligned, apart, together
 from piezo_model.identification.start import USUAL, InitialFit, prepare, structure_of, y_range
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.model import Fitted, HysteresisCreepModel
 from piezo_model.operator_state import OperatorState, States
 from piezo_model.recordings import Recording
+from piezo_model.recordings.several import Recordings
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Vector
 
@@ -90,7 +93,7 @@ class Options:
 
 @one_thread
 def identify(
-    x: ArrayLike | Recording,
+    x: ArrayLike | Recording | Sequence[Recording],
     y: ArrayLike | None = None,
     structure: ModelStructure | None = None,
     *,
@@ -111,8 +114,9 @@ def identify(
 
     Parameters
     ----------
-    x : array (N,) or Recording
-        Input in the structure's input unit, or a recording of both, which is converted to the structure's units.
+    x : array (N,), Recording or sequence of Recording
+        Input in the structure's input unit, or a recording of both, which is converted to the structure's units; or
+        several of one stage, each with its own sampling period, of which the model has the shortest (`several`).
     y : array (N,)
         Measured output; not with a recording.
     structure : ModelStructure, optional
@@ -156,8 +160,7 @@ def identify(
 
     Examples
     --------
-    >>> import numpy as np
-    >>> structure = ModelStructure.equidistant(n=2, m=1, x_range=(0, 100), y_range=(0, 10), creep_rates=(1.0,),
+    >>>     >>> structure = ModelStructure.equidistant(n=2, m=1, x_range=(0, 100), y_range=(0, 10), creep_rates=(1.0,),
     ...                                        sample_time=1e-3)
     >>> x = 50 - 50 * np.cos(np.arange(4000) / 100)
     >>> model = identify(x, x / 10, structure)
@@ -171,48 +174,47 @@ def identify(
             checks.one_of(get_args(DynamicsChoice), dynamics=dynamics)
         checks.whole(0, skip=0 if skip is None else skip)
         checks.require(lambda s: s is None or isinstance(s, ModelStructure), "a ModelStructure", structure=structure)
-    recording = _recording_of(x, y, structure)
+    recordings = _recordings_of(x, y, structure)
+    if state is not None and len(recordings) > 1:
+        raise IdentificationError("a state is that before one recording, and there are several")
     options = Options(structure, n, m, creep_rates, skip, lag, dynamics, state, estimator, force)
 
-    model = _identified(recording, options, Solving(solver, proximal), progress)
-    digest = recording.digest()
-    report = {**model.report, "recording": digest, "remarks": [*recording.notes]}
+    model = _identified(recordings, options, Solving(solver, proximal), progress)
+    digests = tuple(recording.digest() for recording in recordings)
+    remarks = [note for recording in recordings for note in recording.notes]
+    report = {**model.report, "recording": digests[0], "remarks": remarks}
     later = tuple(States(play=part["play"], creep=part["creep"]) for part in report["parts"])
-    return replace(model, report=report, fitted=Fitted(digest, report["fit"]["skipped"], later))
+    return replace(model, report=report, fitted=Fitted(digests[0], report["fit"]["skipped"], later, digests[1:]))
 
 
-def _identified(recording: Recording, options: Options, solving: Solving, progress: Progress) -> HysteresisCreepModel:
-    """The model of a recording; IdentificationError for a recording that it does not describe."""
-    first = options.first(recording)
-    recording = recording.in_units(first.input_unit, first.output_unit)
-    if not math.isclose(first.sample_time, recording.sample_time, rel_tol=1e-3):
+def _identified(
+    recordings: Sequence[Recording], options: Options, solving: Solving, progress: Progress
+) -> HysteresisCreepModel:
+    """The model of recordings; IdentificationError if it does not describe them."""
+    given = options.structure or recordings[0]
+    recordings = aligned([one.in_units(given.input_unit, given.output_unit) for one in recordings])
+    fastest = min(recordings, key=lambda one: one.sample_time)
+    first = options.first(Recordings.together(recordings) if len(recordings) > 1 else fastest)
+    if not math.isclose(first.sample_time, fastest.sample_time, rel_tol=SAME_PERIOD):
         raise IdentificationError(
-            f"{recording.name}: the sampling period is {recording.sample_time:g} s, and that of the "
+            f"{fastest.name}: the sampling period is {fastest.sample_time:g} s, and that of the "
             f"structure is {first.sample_time:g} s"
         )
-    if first.creep_rates and (fastest := max(first.creep_rates)) * recording.sample_time > 1.0:
-        raise IdentificationError(
-            f"{recording.name}: a creep rate of {fastest:g} per second is above one over the sampling period, "
-            f"{1.0 / recording.sample_time:g}"
-        )
+    for one in recordings:
+        if first.creep_rates and (quickest := max(first.creep_rates)) * one.sample_time > 1.0:
+            raise IdentificationError(
+                f"{one.name}: a creep rate of {quickest:g} per second is above one over the sampling period, "
+                f"{1.0 / one.sample_time:g}"
+            )
     progress("start", 0, 4)
-    own_range = options.structure is None
-
-    def start(static: Recording, skip: int | None = options.skip) -> InitialFit:
-        return prepare(static, first, solving, skip, options.state, fit_range=own_range)
-
-    separated = separate(recording, start, options.dynamics, options.lag, options.skip or 0, solving)
-    static, prepared = separated.static, separated.prepared
-    progress("creep", 1, 4)
-    determined = determine(static, counted_from(recording, prepared.skip), prepared.fit, solving)
+    fitting = _begun(recordings, first, options, solving)
     progress("orders", 2, 4)
-    fitting = Fitting(recording, separated, determined, options, solving)
     selection, near = fitting.chosen()
     progress("fit", 3, 4)
     final = fitting.final(near)
     verdict, found = fitting.judged(final)
     if verdict.refusal is not None and not options.force:
-        said = f"{recording.name}: {verdict.refusal}", *verdict.faults[:1]
+        said = f"{fitting.recording.name}: {verdict.refusal}", *verdict.faults[:1]
         raise IdentificationError(". ".join(said).removesuffix("."))
     return _reported(fitting, final, verdict, found, selection)
 
@@ -242,11 +244,18 @@ class Fitting:
     determined: CreepEvidence
     options: Options
     solving: Solving
+    together: Together | None = None
+    """What is known of several recordings beside that."""
 
     @property
     def prepared(self) -> InitialFit:
         """The start, as of a static stage."""
         return self.separated.prepared
+
+    @property
+    def levels(self) -> Columns:
+        """Unknown levels of the output; none of a single recording."""
+        return Columns.none(self.recording.length) if self.together is None else self.together.levels
 
     @property
     def span(self) -> float:
@@ -258,16 +267,18 @@ class Fitting:
         """The choice of the orders, and where the final fit begins."""
         prepared, options, determined = self.prepared, self.options, self.determined
         fit, s = prepared.fit, prepared.structure
-        rates = s.creep_rates
+        rates: Sequence[tuple[float, ...]] = [s.creep_rates]
         if options.chooses_creep and determined.creep is not None:
-            rates = determined.rates
-        if options.structure is not None or (rates == s.creep_rates and None not in (options.n, options.m)):
+            rates = self.together.rates if self.together else [determined.rates]
+        if options.structure is not None or (rates == [s.creep_rates] and None not in (options.n, options.m)):
             return None, fit
         ns = HYSTERESIS_ORDERS if options.n is None else (options.n,)
         ms = SUPERPOSITION_ORDERS if options.m is None else (options.m,)
         recording = self.separated.static
         counted = counted_from(recording, prepared.skip)
-        selection = select(recording, counted, fit, determined, rates, self.solving, self.span, ns, ms)
+        selection = select(
+            recording, counted, fit, determined, rates, self.solving, self.span, self.levels.signals, ns, ms
+        )
         return selection if None in (options.n, options.m) else None, selection.chosen
 
     def final(self, near: Near) -> Final:
@@ -279,11 +290,12 @@ class Fitting:
         optimal = solving.optimum(problem)
         if self.options.estimator == "error-model":
             v = s.inverse_slope_map @ optimal
-            fit = fit_forward(recording, counted, s, near.states, v, solving, steps=0, parameters=parameters)
+            begun = near.states, v, solving
+            fit = fit_forward(recording, counted, s, *begun, steps=0, further=self.levels, parameters=parameters)
             return Final(problem, optimal, fit, None)
         limits = self.determined.creep_limits(s, self.prepared.fit) if self.options.chooses_creep else None
 
-        def fitted(states: Sequence[OperatorState], v: Vector, further: Columns | None) -> ForwardFit:
+        def fitted(states: Sequence[OperatorState], v: Vector, further: Columns) -> ForwardFit:
             return fit_forward(
                 recording,
                 counted,
@@ -298,34 +310,71 @@ class Fitting:
                 parameters=parameters,
             )
 
-        fit = fitted(near.states, near.v, None)
+        fit = fitted(near.states, near.v, self.levels)
         if (
             fit.cost > self.prepared.fit.cost
         ):  # where the model class does not fit, the prediction of a choice is far off
-            fit = min(fit, fitted(near.states, s.inverse_slope_map @ optimal, None), key=lambda fit: fit.cost)
+            fit = min(fit, fitted(near.states, s.inverse_slope_map @ optimal, self.levels), key=lambda fit: fit.cost)
         if (drift := self.determined.drift) is not None:
-            column = Columns.of(np.linspace(-1.0, 1.0, recording.length), *drift.limits)
-            drifting = fitted(fit.states, fit.v, column)
+            column = Columns.of(recording.time, *drift.limits)
+            drifting = fitted(fit.states, fit.v, self.levels.beside(column))
             if fit.improved_by(drifting, 1):
                 return Final(problem, optimal, drifting, drift)
         return Final(problem, optimal, fit, None)
 
     def judged(self, final: Final) -> tuple[Adequacy, Fit]:
-        """Whether the fit is adequate, and its errors."""
-        recording, fit, skip = self.recording, final.fit, self.prepared.skip
-        s, modelled = fit.structure, fit.structure.y_centre + fit.structure.y_scale * fit.y_model
+        """Whether the fit is adequate, and its errors; of several recordings, whether it is for each."""
+        fit, skip, s = final.fit, self.prepared.skip, final.fit.structure
+        recording = self.together.levelled(fit) if self.together else self.recording
+        modelled = s.y_centre + s.y_scale * fit.y_model
         steady = recording if final.drift is None else replace(recording, y=modelled + s.y_scale * fit.error)
         found, judged = (fit_of(each, s, each.y - modelled, skip, self.span) for each in (recording, steady))
-        verdict = check_adequacy(steady, fit, skip, judged)
+        if isinstance(steady, Recordings):
+            each = [(one.name, check_adequacy(one, own, 0, errors)) for one, own, errors in apart(steady, fit)]
+            name, verdict = min(each, key=lambda of: (of[1].refusal is None, of[1].straight))
+            faults = [f"{name}: {fault}" for name, one in each for fault in one.faults]
+            verdict = replace(verdict, refusal=verdict.refusal and f"{name}: {verdict.refusal}", faults=faults)
+        else:
+            verdict = check_adequacy(steady, fit, skip, judged)
         refusal = None if self.separated.finding is None else self.separated.finding.refusal
         return replace(verdict, refusal=refusal or verdict.refusal), found
+
+
+def _begun(recordings: Sequence[Recording], first: ModelStructure, options: Options, solving: Solving) -> Fitting:
+    """What precedes the choice of the orders."""
+    own_range = options.structure is None
+
+    def view(
+        recording: Recording,
+        s: ModelStructure,
+        choice: DynamicsChoice | Dynamics = options.dynamics,
+        lag: LagChoice = options.lag,
+    ) -> StaticView:
+        def start(static: Recording, skip: int | None = options.skip) -> InitialFit:
+            return prepare(static, s, solving, skip, options.state, fit_range=own_range)
+
+        return separate(recording, start, choice, lag, options.skip or 0, solving)
+
+    def alone(recording: Recording, separated: StaticView, determined: CreepEvidence) -> ForwardFit:
+        fitting = Fitting(recording, separated, determined, options, solving)
+        return fitting.final(fitting.chosen()[1]).fit
+
+    if len(recordings) > 1:
+        own_lag: LagChoice = "ignore" if options.lag == "ignore" else "remove"
+        several = together(recordings, first, view, own_lag, alone, solving)
+        return Fitting(several.recording, several.separated, several.determined, options, solving, several)
+    recording, separated = recordings[0], view(recordings[0], first)
+    prepared = separated.prepared
+    determined = determine(separated.static, counted_from(recording, prepared.skip), prepared.fit, solving)
+    return Fitting(recording, separated, determined, options, solving)
 
 
 def _reported(
     fitting: Fitting, final: Final, verdict: Adequacy, found: Fit, selection: Selection | None
 ) -> HysteresisCreepModel:
     """The model of a final fit, or the line that is as good, with its report."""
-    recording, fit, problem, options = fitting.recording, final.fit, final.problem, fitting.options
+    fit, problem, options, several = final.fit, final.problem, fitting.options, fitting.together
+    recording = several.levelled(fit) if several else fitting.recording
     s, prepared, determined, solving = fit.structure, fitting.prepared, fitting.determined, fitting.solving
     straight = verdict.straight and found.line[1] > 0.0
     model = HysteresisCreepModel.from_weights(s, line(s, found) if straight else fit.weights)
@@ -351,11 +400,12 @@ def _reported(
         start=prepared.starts[0],
         parts=[{"first_sample": first, "start": how, **state.to_dict(s)} for first, how, state in starts][1:],
         drive=drive_of(recording, prepared.skip, determined),
+        members=list(several.members(fit)) if several else [],
         determined=determined,
         creep_chosen=options.chooses_creep,
         drift=None
         if final.drift is None
-        else Drift(per_s * float(fit.further[0]), abs(per_s) * final.drift.se, percent_of(fitting.span, error)),
+        else Drift(per_s * float(fit.further[-1]), abs(per_s) * final.drift.se, percent_of(fitting.span, error)),
         selection=selection,
         intervals=intervals(fit) if known else None,
         figures=figures_of(model),
@@ -364,16 +414,18 @@ def _reported(
     return replace(model, report=report.to_dict(s), start=fit.states[0])
 
 
-def _recording_of(x: ArrayLike | Recording, y: ArrayLike | None, structure: ModelStructure | None) -> Recording:
-    if isinstance(x, Recording):
+def _recordings_of(
+    x: ArrayLike | Recording | Sequence[Recording], y: ArrayLike | None, structure: ModelStructure | None
+) -> Sequence[Recording]:
+    x = [x] if isinstance(x, Recording) else x
+    if isinstance(x, Sequence) and x and all(isinstance(one, Recording) for one in x):
         if y is not None:
             raise IdentificationError("a recording holds its own output, so y must not be given")
-        return x
+        return cast(Sequence[Recording], x)
     if y is None or structure is None:
         raise IdentificationError("identification from arrays needs x, y and a structure")
-    return Recording.from_arrays(
-        x, y, structure.sample_time, input_unit=structure.input_unit, output_unit=structure.output_unit
-    )
+    units = {"input_unit": structure.input_unit, "output_unit": structure.output_unit}
+    return [Recording.from_arrays(cast(ArrayLike, x), y, structure.sample_time, **units)]
 
 
 def line(s: ModelStructure, fit: Fit) -> Vector:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from piezo_model.figures import figures_of
-from piezo_model.identification.autocorrelation import DEVIATIONS, autocorrelation_time, inverse_over
+from piezo_model.identification.autocorrelation import DEVIATIONS, inverse_over
 from piezo_model.identification.forward import ForwardFit
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.units import SMALLEST_PERCENT
@@ -29,7 +29,7 @@ def intervals(fit: ForwardFit) -> dict[str, Any] | None:
     """Intervals [low, high] of the weights of a fit, in the order of ``weight_names``, and of the figures by their
     names; None for a weight that the data do not determine, and for all if they determine none."""
     s, T = fit.structure, fit.structure.slope_map
-    time, samples = autocorrelation_time(fit.errors), sum(error.size for error in fit.errors)
+    time, samples = fit.autocorrelation_time, np.count_nonzero(fit.counted)
     if (beyond := samples - np.count_nonzero(fit.free) * time) <= 0.0:
         return None
     variance, each = fit.cost * time / beyond, np.arange(fit.free.size)

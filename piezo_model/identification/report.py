@@ -15,6 +15,7 @@ from piezo_model.identification.dynamics import DynamicsFinding, Lag
 from piezo_model.identification.error_model import Certificate, Solving
 from piezo_model.identification.fit_errors import Fit
 from piezo_model.identification.selection import Selection
+from piezo_model.identification.several import Member
 from piezo_model.identification_problem import ExcitationReport
 from piezo_model.structure import ModelStructure
 from piezo_model.units import percent, quantity, shown
@@ -43,7 +44,7 @@ class FitReport:
 
     ``start`` says how the states before the first sample were found, and ``parts`` has the first sample, the start and
     the states of each later part; ``creep_chosen`` is whether creep was left out or taken in by what is ``determined``,
-    and not by given rates; the ``drift`` is no part of the model.
+    and not by given rates; the ``drift`` is no part of the model; ``members`` are several recordings of one model.
     """
 
     estimator: str
@@ -57,6 +58,7 @@ class FitReport:
     start: str
     parts: Sequence[Mapping[str, Any]]
     drive: Drive
+    members: Sequence[Member]
     determined: CreepEvidence
     creep_chosen: bool
     drift: Drift | None
@@ -78,6 +80,7 @@ class FitReport:
             **({} if self.selection is None else {"selection": self.selection.to_dict()}),
             "headline": headline,
             "drive": {**own["drive"], "sentence": self._drive_sentence},
+            "members": [asdict(member) for member in self.members],
             "creep": self.determined.to_dict(s.creep_rates, self.creep_chosen),
             "findings": findings[:MOST],
             "advice": list(self._advice()),
@@ -96,9 +99,10 @@ class FitReport:
 
     @property
     def _drive_sentence(self) -> str:
-        return self.drive.sentence(
+        own = self.drive.sentence(
             self.drive.creep and self.determined.is_clear, bool(self.dynamics and self.dynamics.kept)
         )
+        return " ".join(member.sentence for member in self.members) or own
 
     def _findings(self, s: ModelStructure) -> Iterator[str]:
         """The important sentences, the most important first."""

@@ -139,33 +139,35 @@ def select(
     counted: Mask,
     fit: ForwardFit,
     determined: CreepEvidence,
-    rates: Sequence[float],
+    rates: Sequence[Sequence[float]],
     solving: Solving,
     span: float,
+    levels: Matrix,
     ns: Sequence[int] = HYSTERESIS_ORDERS,
     ms: Sequence[int] = SUPERPOSITION_ORDERS,
 ) -> Selection:
-    """Choose the orders among ``ns`` and ``ms``, for given creep rates, in the neighbourhood of a fit; ``span`` is the
-    output's full range.
+    """Choose the orders among ``ns`` and ``ms``, and one of some sets of creep rates, in the neighbourhood of a fit;
+    ``span`` is the output's full range, and ``levels`` (N, k) have weights of their own.
 
     Candidates with too few samples for their weights are left out, except the first.
     """
-    orders = [with_orders(fit.structure, n, m, rates) for n, m in product(ns, ms)]
     most = np.count_nonzero(counted) / FEWEST_PER_WEIGHT
-    orders = [s for s in orders if s.d < most] or orders[:1]
-    union = union_of(orders)
-    gram, moved = _gram(recording, counted, fit, union, solving)
-    noise = noise_floor(recording, counted, fit.error)
-    independent = max(fit.independent, determined.independent, np.count_nonzero(counted) * fit.cost / noise)
-    candidates = [_candidate(s, fit, union, gram, moved, determined, independent, solving, span) for s in orders]
+    independent = max(fit.independent, determined.independent, _beyond_noise(recording, counted, fit.error))
+    candidates = []
+    for own in rates:
+        orders = [with_orders(fit.structure, n, m, own) for n, m in product(ns, ms)]
+        orders = [s for s in orders if s.d < most] or orders[:1]
+        union = union_of(orders)
+        gram = _gram(recording, counted, fit, union, levels, solving)
+        candidates += [_candidate(s, fit, union, *gram, determined, independent, solving, span) for s in orders]
     return Selection(tuple(sorted(candidates, key=lambda candidate: candidate.bic)))
 
 
 def _gram(
-    recording: Recording, counted: Mask, fit: ForwardFit, union: ModelStructure, solving: Solving
+    recording: Recording, counted: Mask, fit: ForwardFit, union: ModelStructure, levels: Matrix, solving: Solving
 ) -> tuple[Matrix, Mask]:
-    """Means of the products of x/s, Ξ/s, e and t, and which of the columns Ξ moved."""
-    s, time = fit.structure, np.linspace(-1.0, 1.0, recording.length)
+    """Means of the products of x/s, Ξ/s, e, levels and t, and which of the columns Ξ moved."""
+    s = fit.structure
     chosen = np.zeros(recording.length, dtype=bool)
     chosen[np.flatnonzero(counted)[:: math.ceil(np.count_nonzero(counted) / SAMPLES)]] = True
     slopes, states = piece_slopes(s, fit.v, fit.static), [state_on(s, state, union) for state in fit.states]
@@ -174,8 +176,18 @@ def _gram(
     def columns(_: int, samples: slice, rows: Matrix) -> Matrix:
         return rows / slopes[samples, None]
 
-    beside = np.column_stack([fit.error, time])
+    beside = np.column_stack([fit.error, levels, recording.time])
     return gram_of(recording, chosen, union, [states], fit.y_model, columns, beside)
+
+
+def _beyond_noise(recording: Recording, counted: Mask, error: Vector) -> float:
+    """Number of samples in whose noise the error (N,) would be as large, of each of several recordings."""
+    owners, samples = np.repeat(recording.owners, [part.stop - part.start for part in recording.parts]), 0.0
+    for owner in set(recording.owners):
+        own = counted & (owners == owner)
+        squares = float(error[own] @ error[own]) + EXACT * np.count_nonzero(own)
+        samples += squares / noise_floor(recording, own, error)
+    return samples
 
 
 def noise_floor(recording: Recording, counted: Mask, error: Vector) -> float:
@@ -216,19 +228,19 @@ def _candidate(
     """The fit of one structure from the Gram matrix; a drift is fitted beside it."""
     names = {name: i for i, name in enumerate(_labels(union))}
     of = np.array([names[label] for label in _labels(s)])
-    T, drift = np.eye(s.d + 1), determined.drift
+    x, e, k, drift = 0, union.d + 1, len(gram) - union.d - 2, determined.drift
+    T = np.eye(s.d + k)
     T[: s.d, : s.d] = s.slope_map
-    x, e, t = 0, len(gram) - 2, len(gram) - 1
-    columns = np.append(1 + of, t)
+    columns = np.append(1 + of, e + 1 + np.arange(k))
     P, q = T.T @ gram[np.ix_(columns, columns)] @ T, T.T @ (gram[columns, x] - gram[columns, e])
     c = gram[e, e] - 2.0 * gram[e, x] + gram[x, x]
-    low, high = np.append(s.lower_bounds(MIN_SLOPE), 0.0), np.append(np.full(s.d, np.inf), 0.0)
-    if drift is not None:
-        low[-1], high[-1] = drift.limits
+    low, high = np.full(s.d + k, -np.inf), np.full(s.d + k, np.inf)
+    low[: s.d] = s.lower_bounds(MIN_SLOPE)
+    low[-1], high[-1] = (0.0, 0.0) if drift is None else drift.limits
     if (limits := determined.creep_limits(s, fit)) is not None:
         high[s.slices[2]] = limits
-    reference = np.append(s.inverse_slope_map @ s.straight_line, 0.0)
-    free = np.append(moved[of], drift is not None)
+    reference = np.append(s.inverse_slope_map @ s.straight_line, np.zeros(k))
+    free = np.r_[moved[of], np.full(k - 1, True), drift is not None]
     free &= np.diag(P) > 0.0
     z = np.where(free, 0.0, reference)
     at = np.ix_(free, free)

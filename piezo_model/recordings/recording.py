@@ -6,6 +6,8 @@ does not name are guessed (:mod:`piezo_model.recordings.roles`), and ``describe(
 in :mod:`piezo_model.recordings.opening`, and each repair is one of ``remarks``.
 """
 
+from __future__ import annotations
+
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -299,7 +301,27 @@ class Recording(Source):
         """The samples of each part."""
         return [slice(*ends) for ends in pairwise((*self.starts, self.length))]
 
-    def sweeps(self) -> Iterator[Self]:
+    @property
+    def time(self) -> Vector:
+        """Time, shape (samples,), from −1 to 1 over the duration."""
+        return np.linspace(-1.0, 1.0, self.length)
+
+    @property
+    def owners(self) -> list[int]:
+        """For each part the number of its recording, of several together."""
+        return [0] * len(self.starts)
+
+    @property
+    def part_weights(self) -> list[float]:
+        """Weight of each part in a mean over the samples."""
+        return [1.0] * len(self.starts)
+
+    @property
+    def periods(self) -> list[float]:
+        """Sampling period of each part in s."""
+        return [self.sample_time] * len(self.starts)
+
+    def sweeps(self) -> Iterator[Recording]:
         """The parts of the recording, one by one, each with the ranges of the whole."""
         return map(self.part, self.parts)
 

@@ -316,8 +316,7 @@ def test_the_first_screen_has_a_hundred_columns_and_forty_lines_however_many_fai
     ("words", "message"),
     [
         (["a.csv", "b.csv"], "Missing option '--out-dir'"),
-        (["a.csv", "b.csv", "--out", "m.json"], "--out-dir for many"),
-        (["a.csv", "--out", "m.json", "--out-dir", "models"], "--out-dir for many"),
+        (["a.csv", "--out", "m.json", "--out-dir", "models"], "--out-dir for one of each recording"),
         (["a.csv", "--out-dir", "models", "--page", "p.html"], "--page"),
         (
             ["a.csv", "a.mat", "--out-dir", "models"],
