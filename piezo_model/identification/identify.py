@@ -160,7 +160,8 @@ def identify(
 
     Examples
     --------
-    >>>     >>> structure = ModelStructure.equidistant(n=2, m=1, x_range=(0, 100), y_range=(0, 10), creep_rates=(1.0,),
+    >>> import numpy as np
+    >>> structure = ModelStructure.equidistant(n=2, m=1, x_range=(0, 100), y_range=(0, 10), creep_rates=(1.0,),
     ...                                        sample_time=1e-3)
     >>> x = 50 - 50 * np.cos(np.arange(4000) / 100)
     >>> model = identify(x, x / 10, structure)
