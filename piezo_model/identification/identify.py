@@ -14,7 +14,6 @@ Data that the model class does not describe are refused.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Literal, cast, get_args
 
 from numpy.typing import ArrayLike

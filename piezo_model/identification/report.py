@@ -15,7 +15,6 @@ from piezo_model.identification.dynamics import DynamicsFinding, Lag
 from piezo_model.identification.error_model import Certificate, Solving
 from piezo_model.identification.fit_errors import Fit
 from piezo_model.identification.selection import Selection
-from piezo_model.identification.several import Member
 from piezo_model.identification_problem import ExcitationReport
 from piezo_model.structure import ModelStructure
 from piezo_model.units import percent, quantity, shown
@@ -58,7 +57,7 @@ class FitReport:
     start: str
     parts: Sequence[Mapping[str, Any]]
     drive: Drive
-    members: Sequence[Member]
+    members: Sequence[Mapping[str, Any]]
     determined: CreepEvidence
     creep_chosen: bool
     drift: Drift | None
@@ -80,7 +79,6 @@ class FitReport:
             **({} if self.selection is None else {"selection": self.selection.to_dict()}),
             "headline": headline,
             "drive": {**own["drive"], "sentence": self._drive_sentence},
-            "members": [asdict(member) for member in self.members],
             "creep": self.determined.to_dict(s.creep_rates, self.creep_chosen),
             "findings": findings[:MOST],
             "advice": list(self._advice()),
@@ -102,7 +100,7 @@ class FitReport:
         own = self.drive.sentence(
             self.drive.creep and self.determined.is_clear, bool(self.dynamics and self.dynamics.kept)
         )
-        return " ".join(member.sentence for member in self.members) or own
+        return " ".join(member["sentence"] for member in self.members) or own
 
     def _findings(self, s: ModelStructure) -> Iterator[str]:
         """The important sentences, the most important first."""

@@ -14,6 +14,7 @@ over common weights, and a level c_i and states before the first sample of each 
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -30,31 +31,31 @@ from piezo_model.recordings.several import Recordings
 from piezo_model.structure import ModelStructure
 from piezo_model.units import percent
 
-View = Callable[..., StaticView]
+AsStatic = Callable[..., StaticView]
 """A recording as of a static stage, for a structure with its sampling period, and perhaps for other choices of dynamics
 and lag than those of the options."""
 
 
 @dataclass(frozen=True)
-class Member:
-    """One of several recordings in a report."""
+class Alone:
+    """A recording, and what it says alone."""
 
-    name: str
-    sample_time_s: float
-    rms_percent: float
-    """RMS error on it beside a drift, per cent of its range."""
-    alone_percent: float
-    """That of a model of it alone."""
-    drive: str
-    """What its drive determines, in a sentence."""
+    recording: Recording
+    """With its dynamics if it shows those of the model, and without those that it has otherwise."""
+    view: StaticView
+    evidence: CreepEvidence
+    fit: ForwardFit
+
+    @property
+    def error(self) -> float:
+        """RMS error of the fit, output unit."""
+        return abs(self.fit.structure.y_scale) * math.sqrt(self.fit.cost)
 
     @property
     def sentence(self) -> str:
-        """The errors, and what the recording is good for."""
-        return (
-            f"{self.name}: RMS error {percent(self.rms_percent)} of its range, and {percent(self.alone_percent)} with "
-            f"a model of it alone. {self.drive}"
-        )
+        """What the drive determines."""
+        drive = drive_of(self.recording, self.view.prepared.skip, self.evidence)
+        return drive.sentence(drive.creep and self.evidence.is_clear, self.view.dynamics is not None)
 
 
 @dataclass(frozen=True)
@@ -68,23 +69,26 @@ class Together:
     """Rates that creep may have: those of the recording that determines it, and faster ones, as it may go on."""
     levels: Columns
     """Those of the recordings but the first."""
-    drives: Sequence[str]
-    """What each recording determines, in a sentence."""
-    alone: Sequence[float]
-    """RMS error of a fit of each recording alone, output unit."""
+    alone: Sequence[Alone]
 
     def levelled(self, fit: ForwardFit) -> Recordings:
         """The recordings with outputs at the level of the first one, after a fit of all."""
         levels = self.levels.signals @ fit.further[: self.levels.low.size]
         return replace(self.recording, y=self.recording.y - fit.structure.y_scale * levels)
 
-    def members(self, fit: ForwardFit) -> Iterator[Member]:
-        """What the report says of each recording after a fit of all."""
-        for drive, alone, (one, own, found) in zip(
-            self.drives, self.alone, apart(self.levelled(fit), fit), strict=True
-        ):
-            error, alone = abs(own.structure.y_scale) * math.sqrt(own.cost), percent_of(found.span, alone)
-            yield Member(one.name, one.sample_time, percent_of(found.span, error), alone, drive)
+    def members(self, fit: ForwardFit) -> Iterator[dict[str, Any]]:
+        """For the report, of each recording after a fit of all, its errors beside a drift and its drive."""
+        for alone, (one, own, found) in zip(self.alone, apart(self.levelled(fit), fit), strict=True):
+            errors = [abs(own.structure.y_scale) * math.sqrt(own.cost), alone.error]
+            rms_percent, alone_percent = (percent_of(found.span, error) for error in errors)
+            yield {
+                "name": one.name,
+                "sample_time_s": one.sample_time,
+                "rms_percent": rms_percent,
+                "alone_percent": alone_percent,
+                "sentence": f"{one.name}: RMS error {percent(rms_percent)} of its range, and {percent(alone_percent)} "
+                f"with a model of it alone. {alone.sentence}",
+            }
 
 
 def aligned(recordings: Sequence[Recording]) -> list[Recording]:
@@ -112,7 +116,7 @@ def _on_line(recording: Recording, x: float) -> float:
 def together(
     recordings: Sequence[Recording],
     first: ModelStructure,
-    view: View,
+    as_static: AsStatic,
     own_lag: LagChoice,
     fit_alone: Callable[[Recording, StaticView, CreepEvidence], ForwardFit],
     solving: Solving,
@@ -123,63 +127,63 @@ def together(
     IdentificationError if the output rises with the input in one and falls in another.
     """
     fastest = min(recordings, key=lambda one: one.sample_time)
-    source = view(fastest, first)
+    source = as_static(fastest, first)
 
-    def viewed(one: Recording) -> StaticView:
+    def on_its_own(one: Recording) -> Alone:
         s, known = at_period(first, source.dynamics, one.sample_time)
-        if one is fastest:
-            return source
-        return view(one, s, known) if known else replace(view(one, s, "ignore", own_lag), dynamics=None)
+        view = source
+        if one is not fastest:
+            view = as_static(one, s, known) if known else replace(as_static(one, s, "ignore", own_lag), dynamics=None)
+        counted = counted_from(view.static, view.prepared.skip)
+        shown = replace(one if view.dynamics else view.static, uncounted=~counted)
+        evidence = determine(view.static, counted, view.prepared.fit, solving)
+        return Alone(shown, view, evidence, fit_alone(shown, view, evidence))
 
-    views = [viewed(one) for one in recordings]
-    signs = {view.prepared.structure.negative_gain: one.name for one, view in zip(recordings, views, strict=True)}
+    alone = [on_its_own(one) for one in recordings]
+    structures = [each.view.prepared.structure for each in alone]
+    signs = {s.negative_gain: one.name for one, s in zip(recordings, structures, strict=True)}
     if len(signs) > 1:
         raise IdentificationError(f"the output rises with the input in {signs[False]}, and falls in {signs[True]}")
-    counted = [counted_from(view.static, view.prepared.skip) for view in views]
-    evidence = [
-        determine(view.static, used, view.prepared.fit, solving) for view, used in zip(views, counted, strict=True)
-    ]
-    shown = [one if view.dynamics else view.static for one, view in zip(recordings, views, strict=True)]
-    alone = [fit_alone(*each) for each in zip(shown, views, evidence, strict=True)]
-    errors = [abs(fit.structure.y_scale) * math.sqrt(fit.cost) for fit in alone]
-    weights = [1.0 / (np.count_nonzero(used) * error**2) for used, error in zip(counted, errors, strict=True)]
-    whole, static = (
-        Recordings.together([replace(one, uncounted=~used) for one, used in zip(of, counted, strict=True)], weights)
-        for of in (shown, [view.static for view in views])
-    )
+    weights = [1.0 / (np.count_nonzero(~each.recording.uncounted) * each.error**2) for each in alone]
+    whole = Recordings.together([each.recording for each in alone], weights)
+    x, y = (np.concatenate([getattr(each.view.static, name) for each in alone]) for name in ("x", "y"))
+    static = replace(whole, x=x, y=y)
     columns = np.repeat(np.eye(len(recordings))[:, 1:], [one.length for one in recordings], axis=0)
     free = np.full(len(recordings) - 1, np.inf)
     levels = Columns(columns, -free, free)
-    states = [state for view in views for state in view.prepared.fit.states]
-    s = _of_all([view.prepared.structure for view in views], source.prepared.structure)
+    states, s = [state for each in alone for state in each.view.prepared.fit.states], _over_all(structures)
+    s = replace(s, sample_time=first.sample_time)
     v = s.inverse_slope_map @ solving.optimum(accumulate(static, ~static.uncounted, s, states, solving))
     fit = fit_forward(static, ~static.uncounted, s, states, v, solving, searched=[True] * len(states), further=levels)
-    determined, decisive, longest = max(
-        zip(evidence, views, recordings, strict=True), key=lambda each: (each[0].is_clear, each[2].duration_s)
-    )
-    drift, scale = determined.drift, decisive.prepared.structure.y_scale / s.y_scale
-    if drift is not None:
-        of_longest = longest.duration_s == whole.duration_s
-        drift = Bounded(scale * drift.value, scale * drift.se) if of_longest else None
-    creep = max((own.creep for own in evidence if own.creep), key=lambda found: found.highest, default=None)
-    every = candidate_rates(fastest.sample_time, whole.duration_s)
-    drives = [drive_of(one, view.prepared.skip, own) for one, view, own in zip(shown, views, evidence, strict=True)]
-    return Together(
-        whole,
-        replace(source, static=static, prepared=InitialFit(s, 0, [SEARCHED] * len(states), fit)),
-        replace(determined, creep=creep, drift=drift),
-        [every[k:] for k, rate in enumerate(every) if rate >= max(determined.rates, default=math.inf)],
-        levels,
-        [drive.sentence(drive.creep and own.is_clear) for drive, own in zip(drives, evidence, strict=True)],
-        errors,
-    )
+    prepared = InitialFit(s, 0, [SEARCHED] * len(states), fit)
+    determined, rates = _creep(alone, whole, s)
+    return Together(whole, replace(source, static=static, prepared=prepared), determined, rates, levels, alone)
 
 
-def _of_all(structures: Sequence[ModelStructure], s: ModelStructure) -> ModelStructure:
+def _over_all(structures: Sequence[ModelStructure]) -> ModelStructure:
     """A structure over the output ranges of all."""
+    s = structures[0]
     low = min(one.y_centre - abs(one.y_scale) for one in structures)
     high = max(one.y_centre + abs(one.y_scale) for one in structures)
     return replace(s, y_centre=0.5 * (low + high), y_scale=math.copysign(0.5 * (high - low), s.y_scale))
+
+
+def _creep(
+    alone: Sequence[Alone], whole: Recordings, s: ModelStructure
+) -> tuple[CreepEvidence, Sequence[tuple[float, ...]]]:
+    """What the longest recording that tells creep from hysteresis says of it, with the largest limit of all, and the
+    rates that it may have."""
+    decisive = max(alone, key=lambda each: (each.evidence.is_clear, each.recording.duration_s))
+    evidence, scale = decisive.evidence, decisive.view.prepared.structure.y_scale / s.y_scale
+    found = [each.evidence.creep for each in alone if each.evidence.creep is not None]
+    drift = evidence.drift
+    if drift is not None:  # over half of the longest recording
+        of_longest = decisive.recording.duration_s == whole.duration_s
+        drift = Bounded(scale * drift.value, scale * drift.se) if of_longest else None
+    every = candidate_rates(whole.sample_time, whole.duration_s)
+    slower = max(evidence.rates, default=math.inf)
+    creep = max(found, key=lambda one: one.limits[1], default=None)
+    return replace(evidence, creep=creep, drift=drift), [every[k:] for k, rate in enumerate(every) if rate >= slower]
 
 
 def apart(recording: Recordings, fit: ForwardFit) -> Iterator[tuple[Recording, ForwardFit, Fit]]:
