@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from bench.report.fit_review import Review
 from bench.report.report import GREY, INK, PALETTE, Axis, Figure, Mark, Plot, Report, Table
 from bench.report.writing import write_page
-from piezo_model.identification.fit_review import Review
 from solvers.arrays import Index, Vector
 
 POINTS, DRIVE_POINTS = 2_500, 8_000

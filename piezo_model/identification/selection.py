@@ -30,6 +30,7 @@ from scipy.ndimage import median_filter
 
 from piezo_model.identification.creep import CreepEvidence
 from piezo_model.identification.error_model import Solving, States, percent_of
+from piezo_model.identification.forward import EXACT as LEAST_COST
 from piezo_model.identification.forward import MIN_SLOPE, Box, ForwardFit, piece_slopes
 from piezo_model.identification.gram_matrix import gram_of
 from piezo_model.operator_state import OperatorState
@@ -185,7 +186,7 @@ def _beyond_noise(recording: Recording, counted: Mask, error: Vector) -> float:
     owners, samples = np.repeat(recording.owners, [part.stop - part.start for part in recording.parts]), 0.0
     for owner in set(recording.owners):
         own = counted & (owners == owner)
-        squares = float(error[own] @ error[own]) + EXACT * np.count_nonzero(own)
+        squares = float(error[own] @ error[own]) + LEAST_COST * np.count_nonzero(own)
         samples += squares / noise_floor(recording, own, error)
     return samples
 

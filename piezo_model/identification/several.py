@@ -101,16 +101,10 @@ def aligned(recordings: Sequence[Recording]) -> list[Recording]:
         low, high = max(first.x_range[0], other.x_range[0]), min(first.x_range[1], other.x_range[1])
         if low > high:
             raise IdentificationError(f"{first.name} and {other.name}: the drives have no input in common")
-        here, there = (_on_line(one, 0.5 * (low + high)) for one in (first, other))
-        shift = here - there
+        here, there = (np.polyfit(one.x - 0.5 * (low + high), one.y, 1)[1] for one in (first, other))
+        shift = float(here - there)
         result.append(replace(other, y=other.y + shift, y_range=(other.y_range[0] + shift, other.y_range[1] + shift)))
     return result
-
-
-def _on_line(recording: Recording, x: float) -> float:
-    """Output at an input, on the best straight line."""
-    slope = np.cov(recording.x, recording.y)[0, 1] / recording.x.var(ddof=1)
-    return float(recording.y.mean() + slope * (x - recording.x.mean()))
 
 
 def together(
@@ -188,7 +182,7 @@ def _creep(
 
 def apart(recording: Recordings, fit: ForwardFit) -> Iterator[tuple[Recording, ForwardFit, Fit]]:
     """Each of several recordings, its share of a fit of all, and the errors of that."""
-    for i, (one, samples) in enumerate(zip(recording.all, recording.members, strict=True)):
+    for i, (one, samples) in enumerate(zip(recording.recordings, recording.members, strict=True)):
         s, dynamics = at_period(fit.structure, fit.dynamics, one.sample_time)
         own = {name: getattr(fit, name)[samples] for name in ("static", "y_model", "error", "counted")}
         own["cost"] = float(np.mean(own["error"][own["counted"]] ** 2)) + EXACT

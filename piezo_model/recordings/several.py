@@ -1,6 +1,5 @@
 """Several recordings of one stage as one, of which each keeps its sampling period."""
 
-import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -16,7 +15,7 @@ from solvers.arrays import Vector
 class Recordings(Recording):
     """Recordings one after another, in the same units; the sampling period is the shortest one."""
 
-    all: tuple[Recording, ...] = field(repr=False, compare=False)
+    recordings: tuple[Recording, ...] = field(repr=False, compare=False)
     weights: tuple[float, ...]
     """Weight of each recording in a mean over all samples."""
 
@@ -39,34 +38,30 @@ class Recordings(Recording):
             y_range=(float(np.min(y_ends)), float(np.max(y_ends))),
             input_unit=first.input_unit,
             output_unit=first.output_unit,
-            all=tuple(recordings),
+            recordings=tuple(recordings),
             weights=tuple(weights or [1.0] * len(recordings)),
         )
 
     @property
     def duration_s(self) -> float:
         """Duration of the longest recording in s."""
-        return max(one.duration_s for one in self.all)
+        return max(one.duration_s for one in self.recordings)
 
     @property
     def time(self) -> Vector:
         """Time, shape (samples,), from the middle of each recording on, from −1 to 1 over the longest one."""
-        return np.concatenate([one.time * (one.duration_s / self.duration_s) for one in self.all])
-
-    def digest(self) -> str:
-        """SHA-256 of the digests of the recordings."""
-        return hashlib.sha256(" ".join(one.digest() for one in self.all).encode()).hexdigest()
+        return np.concatenate([one.time * (one.duration_s / self.duration_s) for one in self.recordings])
 
     @property
     def members(self) -> list[slice]:
         """The samples of each recording."""
-        ends = np.cumsum([0, *(one.length for one in self.all)]).tolist()
+        ends = np.cumsum([0, *(one.length for one in self.recordings)]).tolist()
         return [slice(*pair) for pair in pairwise(ends)]
 
     @property
     def owners(self) -> list[int]:
         """For each part the number of its recording."""
-        return [i for i, one in enumerate(self.all) for _ in one.starts]
+        return [i for i, one in enumerate(self.recordings) for _ in one.starts]
 
     @property
     def part_weights(self) -> list[float]:
@@ -76,10 +71,12 @@ class Recordings(Recording):
     @property
     def periods(self) -> list[float]:
         """Sampling period of each part in s."""
-        return [self.all[i].sample_time for i in self.owners]
+        return [self.recordings[i].sample_time for i in self.owners]
 
     def sweeps(self) -> Iterator[Recording]:
         """The parts, one by one, each with its sampling period and the drive's range of all."""
         for i, samples in zip(self.owners, self.parts, strict=False):
             part = self.part(samples)
-            yield replace(self.all[i], x=part.x, y=part.y, uncounted=part.uncounted, starts=(0,), x_range=self.x_range)
+            yield replace(
+                self.recordings[i], x=part.x, y=part.y, uncounted=part.uncounted, starts=(0,), x_range=self.x_range
+            )

@@ -10,8 +10,8 @@ from browser import Browser
 from command_line import CommandLine
 
 from bench.report import recording_page
+from bench.report.fit_review import review
 from piezo_model import HysteresisCreepModel, ModelStructure, OperatorState, Recording, identify, plants
-from piezo_model.identification.fit_review import review
 from piezo_model.recordings import write_table
 from piezo_model.signals import multi_sine
 

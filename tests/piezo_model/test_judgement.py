@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from recording_kinds import DESCRIBABLE, SAMPLE_TIME, UNDESCRIBABLE, creeping, drive, loops, noisy, recording, resonant
 
+from bench.report.fit_review import review
 from piezo_model import IdentificationError, Recording, identify
-from piezo_model.identification.fit_review import review
 from piezo_model.identification.start import structure_of
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operators import play
