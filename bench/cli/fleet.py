@@ -49,7 +49,7 @@ def process(
     """Do the job on all recordings, write the table, and show what it says; then RecordingError if any was refused."""
     if out_dir is None:
         raise typer.TyperException(
-            "Missing option '--out'" if len(recordings) < 2 else "Missing option '--out-dir' for many recordings"
+            "Missing option '--out'" if len(recordings) < 2 else "Missing option '--out-dir' for one of each recording"
         )
     require(page is None, "--page", "is for one recording")
     workers.check()

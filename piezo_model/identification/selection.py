@@ -90,7 +90,7 @@ class Selection:
         error, smallest = (f"{candidate.error_percent:.3g} %" for candidate in (self.chosen, best))
         beside = "" if smallest == error else f"; the smallest error is the {smallest} of {best}"
         return (
-            f"Of {len(self.candidates)} pairs of orders, {self.chosen} has the fewest weights of those within "
+            f"Of {len(self.candidates)} structures, {self.chosen} has the fewest weights of those within "
             f"{ALIKE:g} of the smallest information criterion, with an RMS error of the output of about {error} "
             f"of its range{beside}."
         )
