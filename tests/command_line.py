@@ -166,13 +166,11 @@ class CommandLine:
 
     def ask(self, line: str) -> None:
         """Send a line to the server."""
-        assert self.server.stdin is not None
         self.server.stdin.write(line + "\n")
         self.server.stdin.flush()
 
     def answer(self) -> str:
         """Read the next line of the server."""
-        assert self.server.stdout is not None
         line = self.server.stdout.readline()
         assert line, Path(self.log.name).read_text()
         return line
@@ -219,8 +217,6 @@ class CommandLine:
     def close(self) -> None:
         """Stop the server."""
         self.end_call()
-        assert self.server.stdin is not None
-        assert self.server.stdout is not None
         self.server.stdin.close()
         self.server.wait()
         self.server.stdout.close()

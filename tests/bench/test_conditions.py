@@ -148,7 +148,6 @@ def holder(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
 def test_a_process_that_waits_for_a_core_says_which_process_holds_it_and_goes_on_when_that_is_killed(
     holder: subprocess.Popen[str],
 ) -> None:
-    assert holder.stdout is not None
     theirs = int(holder.stdout.readline())
     with subprocess.Popen(
         [sys.executable, "-c", f"import os; os.sched_setaffinity(0, {{{theirs}}}); {HOLD}"],
@@ -157,8 +156,6 @@ def test_a_process_that_waits_for_a_core_says_which_process_holds_it_and_goes_on
         stderr=subprocess.PIPE,
         text=True,
     ) as waiting:
-        assert waiting.stdout is not None
-        assert waiting.stderr is not None
         told = waiting.stderr.readline()
         assert told.startswith(f"waiting for a free core: core {theirs} is held by process {holder.pid} ('")
         assert HOLD in told
@@ -170,7 +167,6 @@ def test_a_process_that_waits_for_a_core_says_which_process_holds_it_and_goes_on
 def test_a_core_is_held_by_one_process_of_the_machine_at_a_time_and_free_when_that_is_killed(
     holder: subprocess.Popen[str],
 ) -> None:
-    assert holder.stdout is not None
     theirs, usable = int(holder.stdout.readline()), cores.usable()
     if len(usable) > 1:
         with cores.claim() as core:

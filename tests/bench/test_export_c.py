@@ -359,7 +359,6 @@ def test_the_source_has_no_recursion_allocates_nothing_and_its_stack_is_that_of_
                 )
             deepest += max(depth.values())
         stack = re.search(r"stack \| below (\d+) bytes", (tmp_path / "README.md").read_text())
-        assert stack is not None
         assert 0.2 * int(stack[1]) < deepest <= int(stack[1])
 
 

@@ -348,7 +348,6 @@ def watched(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         text=True,
         preexec_fn=hears_its_terminal,
     )
-    assert run.stdout is not None
     address = run.stdout.readline().split()[1]
     assert urllib.request.urlopen(address, timeout=20.0).status == 200
     yield address

@@ -63,7 +63,6 @@ class Stage:
         words = [sys.executable, str(EXAMPLES / "tcp_server.py"), "0", str(folder / "drive.log")]
         # a copy, since pytest changes the environment in another thread
         self.server = subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env={**os.environ})
-        assert self.server.stdout is not None
         port = self.server.stdout.readline().split()[1]
         text = (EXAMPLES / "tcp_stage.py").read_text().replace("127.0.0.1:7654", f"127.0.0.1:{port}")
         # patient, since the machine may be busy with other tests
@@ -350,10 +349,8 @@ def test_a_run_whose_output_nobody_reads_ends_at_rest_with_its_recording(stage: 
     with subprocess.Popen(
         [*LIVE, *words, "--port", str(free_port())], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as call:
-        assert call.stdout is not None
         assert call.stdout.readline().startswith("Page: ")
         call.stdout.close()
-        assert call.stderr is not None
         errors = without_waiting(call.stderr.read())
     assert (call.returncode, errors) == (2, "piezobench live: standard output cannot be written (Broken pipe)\n")
     assert stage.drives()[-1] == 0.0

@@ -153,7 +153,6 @@ def test_the_last_fifth_of_a_recording_validates_models_with_a_free_offset(
     x, y = np.loadtxt(recording, delimiter=",", skiprows=1, unpack=True)[1:]
     for problem in recorded:
         v = problem.validation
-        assert v is not None
         assert v.structure.offset
         assert all(np.isneginf(form.qp.lb).nonzero()[0] == [problem.d - 1] for form in problem.forms.values())
         np.testing.assert_array_equal([v.x, v.y], [x[4800:], y[4800:]])
@@ -316,7 +315,6 @@ def test_the_optimum_fits_unseen_data_better_than_a_straight_line(
     paper: list[RaceProblem],
 ) -> None:
     problem = paper[0]
-    assert problem.validation is not None
     n = problem.validation.structure.play_thresholds
     straight = problem.optimal_weights.copy()
     straight[: len(n)] = 0.0
@@ -360,7 +358,6 @@ def test_the_model_of_an_optimum_follows_the_samples_after_it_and_the_noise_is_b
 ) -> None:
     for problem in by_seed[0].values():
         v = problem.validation
-        assert v is not None
         error_um = v.error_percent(problem.optimal_weights) / 100.0 * v.span_um
         assert 0.0 < v.noise_um < 2.0 * error_um
         assert error_um < 0.02 * 2.0 * abs(v.structure.y_scale)

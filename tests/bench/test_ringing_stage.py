@@ -46,7 +46,6 @@ def desk(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> P
 
 def test_the_model_has_the_resonance_and_without_it_has_a_large_error(desk: Path) -> None:
     dynamics = HysteresisCreepModel.load(desk / "0.json").dynamics
-    assert dynamics is not None
     assert dynamics.frequencies_Hz[0] == pytest.approx(400.0, rel=1e-3)
     ignored = HysteresisCreepModel.load(desk / "2.json")
     assert ignored.dynamics is None

@@ -129,8 +129,6 @@ def test_the_value_is_the_observed_order_statistic_and_lies_in_its_interval(q: f
     found = percentile(sample, q)
     rank = ceil(Fraction(str(q)) * sample.size)
     assert found.value == np.sort(sample)[rank - 1] == np.quantile(sample, q, method="inverted_cdf")
-    assert found.low is not None
-    assert found.high is not None
     assert found.low <= found.value <= found.high
     assert {found.low, found.high} <= set(sample.tolist())
 
