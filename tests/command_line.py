@@ -10,6 +10,7 @@ import json
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -19,6 +20,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 PATIENCE_S = 60.0
+LIVE = (sys.executable, "-m", "bench", "live")
+STAGES = Path(__file__).parents[1] / "examples" / "live"
+"""Files of stages."""
 SERVER = """
 import gc, json, os, resource, signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)  # the tests themselves may run in the background
@@ -135,14 +139,31 @@ def command_lines(pids: Iterable[int]) -> list[str]:
     return found
 
 
+def spawned(session: int) -> list[int]:
+    """Processes of multiprocessing in a session, in the order of their start."""
+    return sorted(pid for pid in of_session(session) if "spawn_main" in "".join(command_lines([pid])))
+
+
+def pacing(session: int) -> list[str]:
+    """Command lines of the C program of ``realtime`` in a session."""
+    return [words for words in command_lines(of_session(session)) if words.startswith("./loop ")]
+
+
+def free_port() -> int:
+    """A port of this machine that nobody uses."""
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        return int(taken.getsockname()[1])
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Every file and folder below a folder, with what a file holds."""
+    return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else b"" for path in folder.rglob("*")}
+
+
 def kill_worker(call: Call, reached: Callable[[], bool]) -> Finished:
     """Kill one of the local workers of a call once a condition holds, and wait for every process of its session."""
-
-    def workers() -> list[int]:
-        return [pid for pid in of_session(call.pid) if any("spawn_main" in words for words in command_lines([pid]))]
-
-    wait_until(lambda: len(workers()) >= 2 and reached(), lambda: command_lines(of_session(call.pid)))
-    os.kill(max(workers()), signal.SIGKILL)
+    wait_until(lambda: len(spawned(call.pid)) >= 2 and reached(), lambda: command_lines(of_session(call.pid)))
+    os.kill(spawned(call.pid)[-1], signal.SIGKILL)
     ended = call.wait()
     wait_until_gone(call.pid)
     return ended
@@ -206,12 +227,16 @@ class CommandLine:
         """Run a call to its end."""
         return self.start(*words, folder=folder, largest_file=largest_file, encoding=encoding).wait()
 
-    def run(
-        self, *words: object, folder: Path | None = None, largest_file: int = 0, encoding: str = "utf-8"
-    ) -> Finished:
+    def run(self, *words: object, folder: Path | None = None, encoding: str = "utf-8") -> Finished:
         """Run a call to its end, which must be a success."""
-        done = self(*words, folder=folder, largest_file=largest_file, encoding=encoding)
+        done = self(*words, folder=folder, encoding=encoding)
         assert done.status == 0, (words, done.stdout, done.stderr)
+        return done
+
+    def quietly(self, *words: object, folder: Path | None = None) -> Finished:
+        """Run a call to its end, which must be a success without a warning."""
+        done = self.run(*words, folder=folder)
+        assert done.stderr == "", words
         return done
 
     def close(self) -> None:

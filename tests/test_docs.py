@@ -176,37 +176,28 @@ README = ROOT / "README.md"
 MAKEFILE = (ROOT / "Makefile").read_text()
 
 
-def blocks(language: str) -> list[str]:
-    return [block.text for block in documents.blocks(README) if block.language == language]
-
-
-@pytest.fixture
-def stage(tmp_path: Path) -> Path:
-    """A folder with a recording of a simulated actuator and a reference, as the README assumes."""
+def test_the_python_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
     documents.lay_out(tmp_path)
-    return tmp_path
-
-
-def test_the_python_example_runs(stage: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(stage)
-    (block,) = blocks("python")
+    (block,) = [block for block in documents.blocks(README) if block.language == "python"]
     names: dict[str, object] = {}
-    exec(compile(block, "README.md", "exec"), names)
+    exec(compile(block.text, "README.md", "exec"), names)
     assert np.all(np.isfinite(names["drive"]))
 
 
 @pytest.mark.needs("cc")
-def test_the_commands_from_a_recording_to_a_controller_work_as_printed(stage: Path, piezobench: CommandLine) -> None:
-    shutil.copytree(ROOT / "results" / "reference", stage / "results" / "reference")
-    (block,) = [text for text in blocks("sh") if "deploy" in text]
-    for words in documents.commands(block):
+def test_the_commands_from_a_recording_to_a_controller_work_as_printed(tmp_path: Path, piezobench: CommandLine) -> None:
+    documents.lay_out(tmp_path)
+    shutil.copytree(ROOT / "results" / "reference", tmp_path / "results" / "reference")
+    (block,) = [block for block in documents.blocks(README) if block.language == "sh" and "deploy" in block.text]
+    for words in documents.commands(block.text):
         if words[1] not in ("realtime", "experiment", "live"):  # half a minute each, and run by tests of their own
-            output = documents.call(words, stage, piezobench)
+            output = documents.call(words, tmp_path, piezobench)
             assert words[1] != "deploy" or "Model: from model.json." in output
-    assert (stage / "stage.html").is_file()
-    assert (stage / "drive.csv").read_text().startswith("time_s,drive_V")
-    assert (stage / "controller" / "Makefile").is_file()
-    assert (stage / "stage.fmu").is_file()
+    assert (tmp_path / "stage.html").is_file()
+    assert (tmp_path / "drive.csv").read_text().startswith("time_s,drive_V")
+    assert (tmp_path / "controller" / "Makefile").is_file()
+    assert (tmp_path / "stage.fmu").is_file()
 
 
 OF_OTHERS = {"--depth", "--help", "--hypothesis-profile", "--quick", "--situations", "--tosses"}

@@ -119,36 +119,25 @@ NEEDING = {
 }
 
 
-def on_a_bare_machine(folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Run tests that need programs, on a machine that only has Python."""
-    return subprocess.run(
+def reasons(done: subprocess.CompletedProcess[str]) -> list[str]:
+    return [line for line in done.stdout.splitlines() if " skipped: " in line]
+
+
+@pytest.mark.parametrize(("wants_all", "status", "error"), [("", 0, ""), ("1", 1, "ERROR: ")])
+def test_tests_that_need_a_missing_program_are_skipped_with_one_line_that_names_it_or_fail_a_run_of_all(
+    tmp_path: Path, wants_all: str, status: int, error: str
+) -> None:
+    done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "", *NEEDING.values()],
         cwd=ROOT,
         capture_output=True,
         text=True,
         check=False,
-        env={**os.environ, "PATH": str(folder), "PIEZOBENCH_ALL_TESTS": "", **environment},
+        env={**os.environ, "PATH": str(tmp_path), "PIEZOBENCH_ALL_TESTS": wants_all},
     )
-
-
-def reasons(done: subprocess.CompletedProcess[str]) -> list[str]:
-    return [line for line in done.stdout.splitlines() if " skipped: " in line]
-
-
-def sentence(name: str) -> str:
-    return f"{name} is not installed; on Debian, apt-get install {name}"
-
-
-def test_tests_that_need_a_missing_program_are_skipped_with_one_line_that_names_it(tmp_path: Path) -> None:
-    done = on_a_bare_machine(tmp_path)
-    assert done.returncode == 0, done.stdout
-    assert reasons(done) == [f"1 skipped: {sentence(name)}" for name in NEEDING]
-
-
-def test_the_run_fails_if_nothing_may_be_skipped(tmp_path: Path) -> None:
-    done = on_a_bare_machine(tmp_path, PIEZOBENCH_ALL_TESTS="1")
-    assert done.returncode == 1
-    assert reasons(done) == [f"ERROR: 1 skipped: {sentence(name)}" for name in NEEDING]
+    assert done.returncode == status, done.stdout
+    needed = (f"{name} is not installed; on Debian, apt-get install {name}" for name in NEEDING)
+    assert reasons(done) == [f"{error}1 skipped: {sentence}" for sentence in needed]
 
 
 @pytest.mark.slow

@@ -4,16 +4,15 @@ References leave the range, are NaN and infinite; the actuator of the loops is a
 """
 
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.export.settings import SOLVERS, ExportSettings
 from piezo_model import Compensator, Dynamics, HysteresisCreepModel, ModelStructure, SelfLearningCompensator
 from piezo_model.operator_state import OperatorState
-
-Vector = NDArray[np.float64]
+from solvers.arrays import Vector
 
 SHORT, MILLION = 50_000, 1_000_000
 SAMPLE_TIME = 125e-6
@@ -60,6 +59,7 @@ class Expected:
     events: tuple[int, ...] = ()
 
 
+@cache
 def compensation(size: int, dynamics: Dynamics | None = None) -> Expected:
     """A compensator that reaches its limits of drive and rate."""
     model, y_ref = replace(a_model(), dynamics=dynamics), references(size)
@@ -105,6 +105,7 @@ def loop_of(kind: str) -> dict[str, Any]:
     return {"solver": "box_active_set" if continuous else kind, "mode": "continuous" if continuous else "cyclic"}
 
 
+@cache
 def learning(
     solver: str,
     size: int,

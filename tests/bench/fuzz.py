@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 from exported_programs import build, write_sources
-from hostile_files import TOKENS, WHOLE, places, spoiled
+from hostile_files import MODEL, STRUCTURE, TOKENS, WHOLE, places, spoiled
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 from program_files import draw, write_qps
@@ -39,15 +39,11 @@ from bench.race_table import KEY, ROWS
 from bench.races.runs import open_run
 from bench.rendering import c_comment, c_string, markdown, terminal, xml
 from bench.store import Run, RunError
-from piezo_model import HysteresisCreepModel, ModelError, ModelStructure, SelfLearningCompensator, StructureError
+from piezo_model import HysteresisCreepModel, ModelError, SelfLearningCompensator, StructureError
 from piezo_model.json_file import decoded, packed, unpacked
 from piezo_model.recordings import Recording, RecordingError
 
 REFERENCE = Path(__file__).parents[2] / "results" / "reference"
-STRUCTURE = ModelStructure.equidistant(
-    n=3, m=1, x_range=(0.0, 10.0), y_range=(0.0, 5.0), creep_rates=(1.0,), sample_time=1e-3
-)
-MODEL = replace(HysteresisCreepModel.from_weights(STRUCTURE, STRUCTURE.straight_line), report={"headline": "fits"})
 FOLDER = Path(tempfile.mkdtemp(prefix="fuzz-"))
 ANYTHING = st.text(st.characters(codec=None), max_size=60)
 DOUBLES = st.floats(allow_nan=False, allow_infinity=False)

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import cycle
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,14 @@ from pyarrow import parquet
 from bench.messages.columns import CHOICES, PATTERNS
 from bench.store import Run
 from bench.timing import machine
+from piezo_model import HysteresisCreepModel, ModelStructure
 
+STRUCTURE = ModelStructure.equidistant(
+    n=3, m=1, x_range=(0.0, 10.0), y_range=(0.0, 5.0), creep_rates=(1.0,), sample_time=1e-3
+)
+MODEL = replace(
+    HysteresisCreepModel.from_weights(STRUCTURE, STRUCTURE.straight_line), report={"headline": "fits", "findings": []}
+)
 DEEP = "[" * 100_000 + "]" * 100_000
 LONG = "1" + "0" * 5000
 TOKENS = (

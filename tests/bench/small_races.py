@@ -63,6 +63,13 @@ class Race:
         (folder / "run.json").write_text(json.dumps({**settings, **merged}))
         return Run.open(folder)
 
+    def unfinished(self, folder: Path, **settings: object) -> Run:
+        """A copy of the run before its first task, with other settings."""
+        run = self.copied(folder, settings=settings)
+        (run.path / "rows.parquet").unlink()
+        (run.path / "parts").mkdir()
+        return run
+
 
 def checkout(folder: Path) -> Path:
     """A folder with a commit of its own, which is named as the folder."""

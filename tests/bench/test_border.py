@@ -5,7 +5,6 @@ import os
 import shutil
 import zipfile
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,9 @@ from command_line import CommandLine
 from hostile_files import (
     DEEP,
     LONG,
+    MODEL,
     PAYLOADS,
+    STRUCTURE,
     hostile_texts,
     make_hostile,
     spoiled,
@@ -40,18 +41,10 @@ from piezo_model import (
     Dynamics,
     HysteresisCreepModel,
     ModelError,
-    ModelStructure,
     SelfLearningCompensator,
 )
 from piezo_model.deployment import Deployment, _checksum
 from solvers import Lane
-
-STRUCTURE = ModelStructure.equidistant(
-    n=3, m=1, x_range=(0.0, 10.0), y_range=(0.0, 5.0), creep_rates=(1.0,), sample_time=1e-3
-)
-MODEL = replace(
-    HysteresisCreepModel.from_weights(STRUCTURE, STRUCTURE.straight_line), report={"headline": "fits", "findings": []}
-)
 
 
 def compensator_file(path: Path) -> None:
@@ -308,36 +301,27 @@ class Mine(Daqp):
 """
 
 
-def unfinished(race: Race, folder: Path, **settings: object) -> Path:
-    """A run of which no task is done, with other settings."""
-    noted = race.run.settings
-    for name in ("parts", "problems"):
-        (folder / name).mkdir(parents=True)
-    (folder / "run.json").write_text(json.dumps({**noted, "settings": {**noted["settings"], **settings}}))
-    return folder
-
-
 def test_a_run_that_names_a_python_file_is_continued_only_with_that_file(
     piezobench: CommandLine, clean_race: Race, tmp_path: Path
 ) -> None:
     (tmp_path / "mine.py").write_text(HARM)
-    run = unfinished(clean_race, tmp_path / "run", solver_files=[str(tmp_path / "mine.py")], solvers=["daqp"])
-    before = (run / "run.json").read_text()
+    run = clean_race.unfinished(tmp_path / "run", solver_files=[str(tmp_path / "mine.py")], solvers=["daqp"])
+    before = (run.path / "run.json").read_text()
     for words in ((), ("--solver", tmp_path / "other.py")):
-        refusal = piezobench("resume", run, *words).refusal
+        refusal = piezobench("resume", run.path, *words).refusal
         assert (
             f"names the Python file {tmp_path / 'mine.py'}, whose code would run; if you trust it, add --s" in refusal
         )
-    assert (run / "run.json").read_text() == before
+    assert (run.path / "run.json").read_text() == before
     assert not (tmp_path / "HARMED").exists()
-    words = ("resume", run, "--solver", "mine.py", "--solver", "other.py")
+    words = ("resume", run.path, "--solver", "mine.py", "--solver", "other.py")
     assert f"the race did not use {tmp_path / 'other.py'}" in piezobench(*words, folder=tmp_path).refusal
     assert not (tmp_path / "HARMED").exists()
-    Run(run).note(lanes={**Run(run).settings["lanes"], "mine (direct)": "0badc0de"})
+    run.note(lanes={**run.settings["lanes"], "mine (direct)": "0badc0de"})
     assert "raced mine (direct) in version 0badc0de, and" in piezobench(*words[:-2], folder=tmp_path).refusal
-    Run(run).note(lanes={})
+    run.note(lanes={})
     piezobench.run(*words[:-2], folder=tmp_path)
-    assert "mine" in set(Run(run).rows().solver)
+    assert "mine" in set(run.rows().solver)
 
 
 def test_no_verb_for_a_finished_run_executes_the_python_files_that_it_names(
@@ -361,13 +345,12 @@ def test_no_verb_for_a_finished_run_executes_the_python_files_that_it_names(
 def test_a_race_is_not_resumed_with_another_version_of_a_solver(
     piezobench: CommandLine, clean_race: Race, tmp_path: Path
 ) -> None:
-    run = unfinished(clean_race, tmp_path / "run")
-    noted = json.loads((run / "run.json").read_text())
-    now = noted["lanes"]["daqp (direct)"]
-    (run / "run.json").write_text(json.dumps({**noted, "lanes": {**noted["lanes"], "daqp (direct)": "0.1.2"}}))
-    refusal = piezobench("resume", run).refusal
-    assert f"raced daqp (direct) in version 0.1.2, and {os.uname().nodename} has {now}; begin a new run" in refusal
-    assert json.loads((run / "run.json").read_text())["lanes"]["daqp (direct)"] == "0.1.2"
+    run = clean_race.unfinished(tmp_path / "run")
+    noted = run.settings["lanes"]
+    run.note(lanes={**noted, "daqp (direct)": "0.1.2"})
+    here = f"{os.uname().nodename} has {noted['daqp (direct)']}; begin a new run"
+    assert f"raced daqp (direct) in version 0.1.2, and {here}" in piezobench("resume", run.path).refusal
+    assert run.settings["lanes"]["daqp (direct)"] == "0.1.2"
 
 
 def test_a_run_that_names_a_test_set_is_continued_only_with_its_file(
@@ -375,11 +358,11 @@ def test_a_run_that_names_a_test_set_is_continued_only_with_its_file(
 ) -> None:
     (tmp_path / "mine.py").write_text(HARM)
     options = {"problem_sets": ["test_set"], "set_options": {"test_set": str(tmp_path / "mine.py")}}
-    run = unfinished(clean_race, tmp_path / "run", **options)
-    refusal = piezobench("resume", run).refusal
+    run = clean_race.unfinished(tmp_path / "run", **options)
+    refusal = piezobench("resume", run.path).refusal
     assert f"names the Python file {tmp_path / 'mine.py'}, whose code would run" in refusal
     assert not (tmp_path / "HARMED").exists()
-    assert "'Mine' object is not iterable" in piezobench("resume", run, "--test-set", tmp_path / "mine.py").refusal
+    assert "'Mine' object is not iterable" in piezobench("resume", run.path, "--test-set", tmp_path / "mine.py").refusal
 
 
 @pytest.mark.parametrize("link", ["figures", "parts", "problems", "models"])

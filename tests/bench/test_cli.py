@@ -13,12 +13,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from command_line import CommandLine
+from command_line import CommandLine, contents
 from small_races import Race
 from typer.main import get_command
 
 from bench.cli.app import VERBS, command_line
 from bench.problems import sets
+from bench.timing import cores
 from piezo_model import plants
 from piezo_model.recordings import write_table
 from piezo_model.signals import multi_sine
@@ -63,7 +64,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def identified(piezobench: CommandLine, desk: Path) -> None:
     """Write a model into the folder, and a truncated copy of it."""
-    call = piezobench(
+    piezobench.quietly(
         "identify",
         "stage.csv",
         "--time",
@@ -76,20 +77,15 @@ def identified(piezobench: CommandLine, desk: Path) -> None:
         "model.json",
         folder=desk,
     )
-    assert (call.status, call.stderr) == (0, "")
     model = (desk / "model.json").read_text()
     (desk / "half.json").write_text(model[: len(model) // 2])
 
 
-def listing(folder: Path) -> list[tuple[str, int]]:
-    return sorted((str(path.relative_to(folder)), path.stat().st_size) for path in folder.rglob("*"))
-
-
 def refused(piezobench: CommandLine, folder: Path, *words: object, largest_file: int = 0) -> str:
     """The sentence of a call that is refused and leaves the folder as it was."""
-    before = listing(folder)
+    before = contents(folder)
     sentence = piezobench(*words, folder=folder, largest_file=largest_file).refusal
-    assert listing(folder) == before
+    assert contents(folder) == before
     return sentence
 
 
@@ -98,8 +94,7 @@ def refused(piezobench: CommandLine, folder: Path, *words: object, largest_file:
 
 @pytest.mark.parametrize("verb", VERBS)
 def test_the_help_of_a_verb_describes_it_and_its_options(piezobench: CommandLine, verb: str) -> None:
-    call = piezobench(verb, "--help")
-    assert (call.status, call.stderr) == (0, "")
+    call = piezobench.quietly(verb, "--help")
     assert call.stdout.startswith(f"Usage: piezobench {verb}")
     options = vars(get_command(command_line([verb])))["commands"][verb].params
     assert not [option.name for option in options if not option.help]
@@ -193,6 +188,9 @@ OWN = "The model was fitted to this recording, so the errors say little about ot
 IDENTIFY = ("identify", "stage.csv", "--out", "other.json")
 COMPENSATE = ("compensate", "model.json", "path.csv", "--out", "drive.csv")
 RACE = ("race", "--limit", 1, "--lane", "direct", "--solver", "daqp")
+EXCITE = ("excite", "--out", "excited.csv", "--rate")
+LIVE = ("live", "--no-page", "--simulate", "duhem")
+CORES = len(cores.usable())
 
 
 @pytest.mark.parametrize(
@@ -331,6 +329,79 @@ RACE = ("race", "--limit", 1, "--lane", "direct", "--solver", "daqp")
             ("race", "--lane", "kernel", "--solver", "clarabel"),
             ["no selected solver is in the lane kernel"],
         ),
+        ((*RACE, "--settings", "daqp=1e-6"), ["daqp: must be SOLVER={...} with settings in JSON"]),
+        ((*RACE, "--settings", "clarabel={}"), ["which does not race"]),
+        (
+            (*RACE, "--settings", 'daqp={"primal_tol": 1e-4}', "--settings", "daqp={}"),
+            ["--settings: daqp: takes one setting, and is given several"],
+        ),
+        ((*RACE, "--backend", "dask"), ["needs the address of a scheduler"]),
+        ((*RACE, "--scheduler", "tcp://here:1"), ["goes with --backend dask"]),
+        ((*RACE, "--backend", "cloud"), ["'local', 'dask'"]),
+        ((*RACE, "--workers", "0"), ["--workers"]),
+        ((*RACE, "--workers", CORES + 1), [f"{CORES + 1} workers need a core each, and this machine has {CORES}"]),
+        # Sets of problems.
+        (("problems", "--set", "recorded"), ["'recorded' needs --recording, a recording in any known format"]),
+        (("problems", "--set", "foreign"), ["needs --folder"]),
+        (("problems", "--set", "recorded", "--recording", "none.csv"), ["none.csv: no such file"]),
+        (("problems", "--set", "foreign", "--folder", "nowhere"), ["nowhere: is not a folder"]),
+        (("problems", "--set", "unheard"), ["there is no problem set 'unheard'; known are boxes, drift, "]),
+        (("problems", "--from", "nowhere"), ["nowhere: is not a folder"]),
+        (("problems", "--verify"), ["needs problems; name a --set"]),
+        # Drives for a recording.
+        ((*EXCITE, "500", "--range", "0-100"), ["'0-100' is not two numbers in ascending order, such as 0:100"]),
+        ((*EXCITE, "500", "--range", "9:1"), ["--range: '9:1' is not two numbers in ascending order"]),
+        ((*EXCITE, "10", "--range", "0:1"), ["gives 600 samples, and an excitation needs 2000"]),
+        ((*EXCITE, "0", "--range", "0:1"), ["must be positive, not 0"]),
+        ((*EXCITE, "1e9", "--range", "0:1"), ["6e+10 samples are more than"]),
+        # Many recordings at once.
+        (("identify", "a.csv", "b.csv"), ["Missing option '--out-dir'"]),
+        (("identify", "a.csv", "b.csv", "--out", "m.json"), ["--out-dir for many"]),
+        (("identify", "a.csv", "--out", "m.json", "--out-dir", "models"), ["--out-dir for many"]),
+        (("identify", "a.csv", "--out-dir", "models", "--page", "p.html"), ["--page"]),
+        (
+            ("identify", "a.csv", "a.mat", "--out-dir", "models"),
+            ["a.mat: what is made of it would have the name of what is made of a.csv"],
+        ),
+        (("identify", "s3://bucket/a.csv", "--out-dir", "models"), ["s3://bucket/a.csv: is a URL"]),
+        (("identify", "s3://bucket/*.csv", "--out-dir", "models"), ["s3://bucket/*.csv: is a URL"]),
+        (("identify", "a.csv", "--out-dir", "s3://bucket/models"), ["s3://bucket/models: is a URL"]),
+        (("identify", "*.xyz", "--out-dir", "models"), ["*.xyz: no file matches"]),
+        (("identify", "a.csv", "--out-dir", "models", "--backend", "dask"), ["--scheduler"]),
+        # Controllers on a schedule.
+        (("realtime", "nothing.json"), ["nothing.json: there is no such file"]),
+        (("realtime", "model.json", "--rate", 0), ["--rate"]),
+        (("realtime", "model.json", "--seconds", "nan"), ["--seconds"]),
+        (
+            ("realtime", "model.json", "--rate", 1, "--seconds", 0.5),
+            ["0.5 s at 1 Hz hold no sample; the shortest run is 1 s"],
+        ),
+        (("realtime", "model.json", "--solver", "box_active_set"), ["--solver: is for --part learning"]),
+        (("realtime", "model.json", "--priority", 100), ["--priority"]),
+        (("realtime", "model.json", "--core", -1), ["--core"]),
+        (("realtime", "model.json", "--out", "nowhere/figures.json"), ["the folder nowhere does not exist"]),
+        # Live runs, before anything moves.
+        (("live", "--no-page"), ["give either a simulated actuator or the file of a stage"]),
+        (("live", "--no-page", "--simulate", "magic"), ["there is no simulated actuator 'magic'"]),
+        (
+            ("live", "--no-page", "--simulate", "flexure", "--rate", 500),
+            ["the resonance at 200 Hz is above 35 % of the sampling rate, 500 Hz"],
+        ),
+        ((*LIVE, "--sine", "fast"), ["--sine fast: must be a frequency in Hz and an amplitude in µm"]),
+        *(
+            ((*LIVE, "--sine", text), ["must be a frequency in Hz and an amplitude in µm"])
+            for text in ("1:2:3:4", "5Hz:10V", "1Hz:nan", "1Hz:1um:1e999")
+        ),
+        ((*LIVE, "--sine", "0Hz:1um"), ["the frequency must be positive"]),
+        ((*LIVE, "--sine", "600Hz:1um"), ["below half the sampling rate, 500 Hz"]),
+        (
+            (*LIVE, "--integral-gain", 1001),
+            ["--integral-gain must be from 0 to 1/sample_time, 1000 per second, not 1001"],
+        ),
+        ((*LIVE, "--sine", "5Hz:1um", "--set-point", 3), ["two references"]),
+        ((*LIVE, "--rate", 1e6), ["--rate': Input should be less than or equal to 10000"]),
+        ((*LIVE, "--record", "run.csv"), ["must end in .parquet"]),
+        ((*LIVE, "--set-point", 300), ["the set point must be a number from -20 to 20 µm, not 300"]),
         # Folders that are no run.
         *(
             ((verb, name), [name])
@@ -374,25 +445,18 @@ def test_a_disk_that_is_full_leaves_the_old_output_as_it_was(
 def test_report_on_a_race_that_was_not_finished_says_to_resume_it(
     piezobench: CommandLine, clean_race: Race, tmp_path: Path
 ) -> None:
-    shutil.copytree(clean_race.run.path, tmp_path / "run")
-    (tmp_path / "run" / "rows.parquet").unlink()
+    clean_race.unfinished(tmp_path / "run")
     assert "resume it" in refused(piezobench, tmp_path, "report", "run")
 
 
 def test_resume_names_a_missing_solver_file(piezobench: CommandLine, clean_race: Race, tmp_path: Path) -> None:
-    settings = clean_race.run.settings
-    settings["settings"]["solver_files"] = [str(tmp_path / "gone.py")]
-    for folder in ("run/tasks", "run/problems"):
-        (tmp_path / folder).mkdir(parents=True)
-    (tmp_path / "run" / "run.json").write_text(json.dumps(settings))
-    refusal = refused(piezobench, tmp_path, "resume", "run", "--solver", "gone.py")
-    assert "gone.py: is not a file" in refusal
+    clean_race.unfinished(tmp_path / "run", solver_files=[str(tmp_path / "gone.py")])
+    assert "gone.py: is not a file" in refused(piezobench, tmp_path, "resume", "run", "--solver", "gone.py")
 
 
 def test_report_and_resume_of_a_finished_race_show_its_verdict(piezobench: CommandLine, clean_race: Race) -> None:
     for verb in ("report", "resume"):
-        call = piezobench(verb, clean_race.run.path)
-        assert (call.status, call.stderr) == (0, "")
+        call = piezobench.quietly(verb, clean_race.run.path)
         assert "solver lanes reach 1e-9 on the problem" in call.stdout
         assert str(clean_race.run.path / "report.md") in call.stdout
 
@@ -418,8 +482,7 @@ def test_every_problem_set_is_listed_with_its_size_and_purpose(piezobench: Comma
 def test_the_compensated_drive_follows_the_reference_better_than_a_straight_line(
     piezobench: CommandLine, desk: Path, identified: None
 ) -> None:
-    call = piezobench("compensate", "model.json", "path.csv", "--out", "drive.csv", folder=desk)
-    assert (call.status, call.stderr) == (0, "")
+    call = piezobench.quietly("compensate", "model.json", "path.csv", "--out", "drive.csv", folder=desk)
     assert call.stdout.splitlines()[-1] == "Drive: drive.csv"
     assert "of the reference" in call.stdout
     assert (desk / "drive.csv").read_text().startswith("time_s,drive_V\n")
@@ -440,8 +503,7 @@ def test_validate_judges_a_model_on_other_data(piezobench: CommandLine, desk: Pa
     write_table(
         tmp_path / "other.csv", {"time_s": np.arange(x.size) * SAMPLE_TIME, "voltage_V": x[::-1], "displacement_um": y}
     )
-    call = piezobench("validate", desk / "model.json", "other.csv", "--page", "other.html", folder=tmp_path)
-    assert (call.status, call.stderr) == (0, "")
+    call = piezobench.quietly("validate", desk / "model.json", "other.csv", "--page", "other.html", folder=tmp_path)
     assert "with this model on this recording" in call.stdout
     assert "The output is shifted by a constant " in call.stdout
     assert (tmp_path / "other.html").is_file()
@@ -455,8 +517,7 @@ def test_validate_says_if_the_model_was_fitted_to_the_recording_itself_whatever_
     t, x, y = np.loadtxt(desk / "stage.csv", delimiter=",", skiprows=1, unpack=True)
     write_table(tmp_path / f"copy.{suffix}", {"t_s": t, "voltage_V": x, "displacement_um": y})
     words = ("validate", desk / "model.json", f"copy.{suffix}", "--page", "copy.html")
-    call = piezobench(*words, folder=tmp_path)
-    assert (call.status, call.stderr) == (0, "")
+    call = piezobench.quietly(*words, folder=tmp_path)
     assert OWN in call.stdout
     assert OWN in (tmp_path / "copy.html").read_text()
     assert json.loads(piezobench(*words, "--json", folder=tmp_path).stdout)["own"] is True

@@ -55,10 +55,6 @@ def less_accurate(rows: pd.DataFrame) -> pd.DataFrame:
     return rows.assign(cost_gap=rows.cost_gap.mask(of_solver(rows), 1e6))
 
 
-def without(rows: pd.DataFrame) -> pd.DataFrame:
-    return rows[~of_solver(rows)]
-
-
 def compared(a: Run, b: Run) -> Comparison:
     return compare_runs([a, b]).each[0]
 
@@ -255,7 +251,7 @@ def test_different_settings_and_machines_come_first_and_all_fits_on_a_screen(
 ) -> None:
     other = wide_race.copied(
         tmp_path / "elsewhere",
-        without,
+        lambda rows: rows[~of_solver(rows)],
         slowed(wide_race, 1.2, lambda rows: rows.solver == "daqp"),
         settings={"seed": 7},
         machine={"processor": "An abacus"},
@@ -341,11 +337,23 @@ def test_intervals_are_wider_by_five_normalised_median_absolute_deviations_of_th
         assert np.log(end).to_numpy() == pytest.approx(5.0 * field.deviation["interleaved"])
 
 
-def test_an_interval_that_holds_one_and_the_smallest_ratio_that_matters_cannot_tell() -> None:
-    lanes = quiet()
-    lanes[0] = lanes[0] + np.linspace(-0.3, 0.3, 6)
-    assert times(lanes).finding.to_dict() == {"s0": CANNOT_TELL, **{f"s{i}": SAME for i in range(1, 8)}}
-    assert times(lanes, smallest=2.0).finding["s0"] == SAME
+UNEVEN = [quiet()[0] + np.linspace(-0.3, 0.3, 6), *quiet()[1:]]
+
+
+@pytest.mark.parametrize(
+    ("lanes", "smallest", "changed", "findings"),
+    [
+        (UNEVEN, 1.2, {}, [CANNOT_TELL] + 7 * [SAME]),
+        (UNEVEN, 2.0, {}, 8 * [SAME]),
+        pytest.param(quiet(3), 1.2, {"s1": 1.5}, [CANNOT_TELL, SLOWER, CANNOT_TELL], id="half as long again, of three"),
+        pytest.param(quiet(3), 1.2, {}, 3 * [CANNOT_TELL], id="nothing is said of three"),
+    ],
+)
+def test_an_interval_that_holds_one_and_the_smallest_ratio_that_matters_cannot_tell(
+    lanes: list[np.ndarray], smallest: float, changed: dict[str, float], findings: list[str]
+) -> None:
+    found = times(lanes, smallest, **changed)
+    assert found.finding.to_dict() == {f"s{i}": finding for i, finding in enumerate(findings)}
 
 
 @pytest.mark.parametrize(("offset", "finding"), [(0.02, SAME), (0.06, CANNOT_TELL)])
@@ -361,11 +369,6 @@ def test_fewer_than_three_lanes_or_problems_cannot_tell(shape: tuple[int, int]) 
     found = times(quiet(*shape), s0=3.0)
     assert set(found.finding) == {CANNOT_TELL}
     assert np.isinf(found.ratio_high).all()
-
-
-def test_of_three_lanes_the_one_that_takes_half_as_long_again_is_found_and_nothing_is_said_of_the_others() -> None:
-    assert times(quiet(3), s1=1.5).finding.to_dict() == {"s0": CANNOT_TELL, "s1": SLOWER, "s2": CANNOT_TELL}
-    assert set(times(quiet(3)).finding) == {CANNOT_TELL}
 
 
 @pytest.mark.parametrize(("offset", "used", "other"), [(0.005, "hot", "interleaved"), (0.02, "interleaved", "hot")])
@@ -401,14 +404,29 @@ def lost(a: pd.DataFrame, b: pd.DataFrame) -> list[str]:
     return lost_tiers(a, b).tier.tolist()
 
 
-def test_a_tier_that_one_problem_no_longer_meets_by_its_first_answer_is_lost_and_the_other_way_round_gained() -> None:
-    worse = run({**GAPS, "p0": (1e-5, 1e-8)})
-    assert lost(run(), worse) == ["high"]
-    assert lost(worse, run()) == []
-
-
-def test_another_setting_that_reaches_the_tier_keeps_it() -> None:
-    assert lost(run({**GAPS, "p0": (1e-11, 1e-11)}), run(dict.fromkeys(PROBLEMS, (1.0, 1e-11)))) == []
+@pytest.mark.parametrize(
+    ("before", "after", "tiers"),
+    [
+        (run(), run({**GAPS, "p0": (1e-5, 1e-8)}), ["high"]),
+        pytest.param(run({**GAPS, "p0": (1e-5, 1e-8)}), run(), [], id="the other way round it is gained"),
+        pytest.param(
+            run({**GAPS, "p0": (1e-11, 1e-11)}),
+            run(dict.fromkeys(PROBLEMS, (1.0, 1e-11))),
+            [],
+            id="another setting that reaches it keeps it",
+        ),
+        pytest.param(
+            run(),
+            run().assign(status=str(Status.CRASHED), cost_gap=math.nan),
+            ["low", "mid", "high"],
+            id="a solver that crashes loses every tier",
+        ),
+    ],
+)
+def test_a_tier_that_one_problem_no_longer_meets_by_its_first_answer_is_lost(
+    before: pd.DataFrame, after: pd.DataFrame, tiers: list[str]
+) -> None:
+    assert lost(before, after) == tiers
 
 
 @pytest.mark.parametrize(
@@ -421,11 +439,6 @@ def test_timed_answers_lose_a_tier_where_more_of_them_miss_it_than_by_chance(
     before = run(judged=judged)
     after = timed_wrong(before, misses, PROBLEMS[:problems])
     assert (lost(before, after), lost(after, before)) == (["low", "mid", "high"] if is_lost else [], [])
-
-
-def test_a_solver_that_crashes_loses_every_tier() -> None:
-    crashed = run().assign(status=str(Status.CRASHED), cost_gap=math.nan)
-    assert lost(run(), crashed) == ["low", "mid", "high"]
 
 
 BROKEN = """

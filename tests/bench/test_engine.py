@@ -144,26 +144,6 @@ def test_an_interrupted_race_on_a_cluster_ends_solvers_in_compiled_code_and_give
     assert piezobench(*words, "--name", "second").status == 0
 
 
-COUNT = len(cores.usable())
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["--backend", "dask"], "needs the address of a scheduler"),
-        (["--scheduler", "tcp://here:1"], "goes with --backend dask"),
-        (["--backend", "cloud"], "'local', 'dask'"),
-        (["--workers", "0"], "--workers"),
-        (["--workers", COUNT + 1], f"{COUNT + 1} workers need a core each, and this machine has {COUNT}"),
-    ],
-)
-def test_impossible_workers_are_refused(
-    piezobench: CommandLine, tmp_path: Path, options: list[object], message: str
-) -> None:
-    assert message in piezobench("race", *SMALL, "--out", tmp_path, *options).refusal
-    assert not list(tmp_path.iterdir())
-
-
 @TWO_CORES
 def test_a_dask_cluster_of_two_machines_gives_the_rows_of_a_local_race_repeatedly_and_each_row_names_its_machine(
     piezobench: CommandLine, tmp_path: Path, clean_race: Race, scheduler: str

@@ -5,14 +5,13 @@ import re
 import shutil
 import subprocess
 from dataclasses import replace
-from functools import cache
 from graphlib import TopologicalSorter
 from itertools import cycle, product
 from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import CommandLine
+from command_line import CommandLine, contents
 from exported_loops import (
     DYNAMICS,
     LIMITS,
@@ -54,7 +53,6 @@ KINDS = ("compensator", *LOOPS, *FAULTY, *INTEGRAL, *RINGING)
 NIGHTLY = pytest.mark.nightly
 
 
-@cache
 def expected_of(kind: str, size: int = SHORT) -> Expected:
     """Drives that Python computes."""
     solver, dynamics = kind.partition(", ")[0], DYNAMICS if "ringing" in kind else None
@@ -394,8 +392,7 @@ def test_one_shell_line_turns_a_recording_into_a_running_program(
     piezobench: CommandLine, desk: Path, tmp_path: Path
 ) -> None:
     piezobench.run("identify", "stage.csv", "--out", tmp_path / "m.json", folder=desk)
-    call = piezobench("export-c", tmp_path / "m.json", tmp_path / "c", "--precision", "float", folder=desk)
-    assert (call.status, call.stderr) == (0, "")
+    call = piezobench.quietly("export-c", tmp_path / "m.json", tmp_path / "c", "--precision", "float", folder=desk)
     assert "make -C" in call.stdout
     done = made(tmp_path / "c", "run")
     assert "8000 samples" in done.stderr
@@ -503,10 +500,6 @@ def test_every_verb_that_takes_a_model_takes_a_compensator_of_deploy(
     assert "It compensates and does not learn; export-c writes the self-learning loop" in " ".join(call.stdout.split())
 
 
-def contents(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-
-
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -514,7 +507,7 @@ def contents(folder: Path) -> dict[str, bytes]:
         (["export-c", "broken.json", "c"], "is not a whole JSON file"),
         (["export-c", "invalid.json", "c"], "w_H[0] must be positive"),
         (["export-c", "stage.csv", "c"], "stage.csv: is not a whole JSON file"),
-        (["export-c", "model.json", "full"], "holds notes.txt already; name a new or an empty folder"),
+        (["export-c", "model.json", "full"], "holds it.fmu already; name a new or an empty folder"),
         (["export-c", "model.json", "model.json"], "is a file; name a new folder"),
         (["export-c", "model.json", "nowhere/c"], "nowhere does not exist"),
         (["export-c", "model.json", "c", "--low", 9, "--high", 1], "the lowest drive 9 must be below the highest 1"),
@@ -539,6 +532,10 @@ def contents(folder: Path) -> dict[str, bytes]:
         (["export-c", "model.json"], "folder"),
         (["export-c", "model.json", "/proc/c"], "/proc/c: cannot be written"),
         (["export-c", "model.json", "c", "--precision", "half"], "--precision"),
+        (["export-fmu", "model.json", "it.zip"], "it.zip does not end in .fmu"),
+        (["export-fmu", "model.json", "full/it.fmu"], "full/it.fmu already exists; name a new file"),
+        (["export-fmu", "model.json", "nowhere/it.fmu"], "the folder nowhere does not exist"),
+        (["export-fmu", "model.json", "it.fmu", "--fmi", "4"], "--fmi"),
     ],
     ids=str,
 )
@@ -551,22 +548,21 @@ def test_bad_input_is_refused_in_one_sentence_and_nothing_is_written(
     data = json.loads((desk / "model.json").read_text())
     (tmp_path / "invalid.json").write_text(json.dumps({**data, "w_H": [0.0, *data["w_H"][1:]]}))
     (tmp_path / "full").mkdir()
-    (tmp_path / "full" / "notes.txt").write_text("mine")
+    (tmp_path / "full" / "it.fmu").write_text("mine")
     before = contents(tmp_path)
     assert message in piezobench(*words, folder=tmp_path).refusal
     assert contents(tmp_path) == before
-    assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "broken.json",
-        "full",
-        "invalid.json",
-        "model.json",
-        "stage.csv",
-    ]
 
 
-def test_a_full_disk_leaves_no_half_written_folder(piezobench: CommandLine, desk: Path, tmp_path: Path) -> None:
-    call = piezobench("export-c", desk / "model.json", tmp_path / "c", folder=tmp_path, largest_file=2000)
-    assert "cannot be written" in call.refusal
+@pytest.mark.parametrize(
+    ("verb", "out", "largest_file", "message"),
+    [("export-c", "c", 2000, "cannot be written"), ("export-fmu", "it.fmu", 3000, "")],
+)
+def test_a_full_disk_leaves_no_half_written_folder_or_file(
+    piezobench: CommandLine, desk: Path, tmp_path: Path, verb: str, out: str, largest_file: int, message: str
+) -> None:
+    call = piezobench(verb, desk / "model.json", out, folder=tmp_path, largest_file=largest_file)
+    assert message in call.refusal
     assert list(tmp_path.iterdir()) == []
 
 

@@ -35,8 +35,7 @@ def fmus(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> d
     a_model().save(folder / "model.json")
     for fmi in VERSIONS:
         words = ("--fmi", fmi, "--low", LIMITS[0], "--high", LIMITS[1], "--rate-limit", RATE_LIMIT)
-        call = piezobench("export-fmu", "model.json", f"{fmi}.fmu", *words, folder=folder)
-        assert (call.status, call.stderr) == (0, "")
+        piezobench.quietly("export-fmu", "model.json", f"{fmi}.fmu", *words, folder=folder)
     return {fmi: folder / f"{fmi}.fmu" for fmi in VERSIONS}
 
 
@@ -220,31 +219,3 @@ def test_the_same_model_gives_the_same_token_and_another_one_another(fmus: dict[
     write_fmu(a_model(), settings, tmp_path / "same.fmu")
     write_fmu(a_model(seed=1), settings, tmp_path / "other.fmu")
     assert token(fmus[3]) == token(tmp_path / "same.fmu") != token(tmp_path / "other.fmu")
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["model.json", "it.zip"], "it.zip does not end in .fmu"),
-        (["model.json", "there.fmu"], "there.fmu already exists; name a new file"),
-        (["model.json", "nowhere/it.fmu"], "the folder nowhere does not exist"),
-        (["model.json", "it.fmu", "--fmi", "4"], "--fmi"),
-    ],
-    ids=str,
-)
-def test_bad_input_is_refused_in_one_sentence_and_nothing_is_written(
-    piezobench: CommandLine, tmp_path: Path, words: list[str], message: str
-) -> None:
-    a_model().save(tmp_path / "model.json")
-    (tmp_path / "there.fmu").write_text("mine")
-    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    assert message in piezobench("export-fmu", *words, folder=tmp_path).refusal
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
-
-
-def test_a_full_disk_leaves_no_half_written_file(piezobench: CommandLine, tmp_path: Path) -> None:
-    a_model().save(tmp_path / "model.json")
-    call = piezobench("export-fmu", "model.json", "it.fmu", folder=tmp_path, largest_file=3000)
-    assert call.status == 2
-    assert len(call.stderr.splitlines()) == 1
-    assert [path.name for path in tmp_path.iterdir()] == ["model.json"]

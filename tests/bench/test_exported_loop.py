@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import CommandLine, command_lines, hears_its_terminal, of_session, wait_until, wait_until_gone
+from command_line import CommandLine, hears_its_terminal, pacing, wait_until, wait_until_gone
 from exported_loops import DYNAMICS, LIMITS, LOOPS, Expected, a_model, compensation, learning, loop_of
 from exported_programs import build, write_sources
 from programs import program
@@ -159,12 +159,6 @@ INTERVALS = 10
 KINDS = ("plain", "thread sanitizer")
 
 
-@cache
-def expected_of(solver: str) -> Expected:
-    """Drives that Python computes, which learns at the end of each block."""
-    return learning(solver, SIZE)
-
-
 def flags_of(kind: str) -> tuple[str, ...]:
     return ("-O1", "-g", "-fsanitize=thread") if kind == "thread sanitizer" else ("-O2",)
 
@@ -187,7 +181,7 @@ def threaded(kind: str, tmp_path_factory: pytest.TempPathFactory) -> Callable[[s
 
     @cache
     def built_for(solver: str) -> Path:
-        folder, expected = tmp_path_factory.mktemp("two_threads"), expected_of(solver)
+        folder, expected = tmp_path_factory.mktemp("two_threads"), learning(solver, SIZE)
         write_sources(folder, expected.model, expected.settings)
         (folder / "two_threads.c").write_text(SOURCE.read_text())
         (folder / "offering_learner.c").write_text(LEARNER)
@@ -217,7 +211,7 @@ def run_threaded(
 def test_a_learner_in_a_thread_of_its_own_that_is_in_time_changes_no_bit(
     threaded: Callable[[str], Path], solver: str
 ) -> None:
-    expected = expected_of(solver)
+    expected = learning(solver, SIZE)
     x, events = run_threaded(threaded(solver), expected)
     np.testing.assert_array_equal(x, expected.x)
     assert (events["hand_overs"], events["refusals"]) == expected.events
@@ -229,7 +223,7 @@ def test_a_learner_in_a_thread_of_its_own_that_is_in_time_changes_no_bit(
 def test_a_late_learner_costs_samples_that_are_counted_and_never_the_limits_or_half_of_its_weights(
     threaded: Callable[[str], Path], solver: str
 ) -> None:
-    expected = expected_of(solver)
+    expected = learning(solver, SIZE)
     numbers = expected.settings.numbers(expected.model.structure)
     delay = INTERVALS * int(numbers.get("interval", 5 * numbers["block"]))
     for seed in range(3):
@@ -299,11 +293,6 @@ def test_the_program_waits_for_a_core_that_a_race_holds_and_then_holds_it_until_
     cores.claim(core.number).close()
 
 
-def pacing(session: int) -> list[str]:
-    """Command lines of the C program in a session."""
-    return [words for words in command_lines(of_session(session)) if words.startswith("./loop ")]
-
-
 @pytest.mark.slow
 @pytest.mark.needs("cc")
 def test_a_rate_that_no_step_can_hold_misses_deadlines() -> None:
@@ -337,27 +326,6 @@ def test_refusals_of_the_system_are_reported(tmp_path: Path) -> None:
     assert allowed["fifo"] == "Operation not permitted"
     assert allowed["memory"] != "yes"
     assert allowed["core"] == "Invalid argument"  # there is no core 4000
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["nothing.json"], "nothing.json: there is no such file"),
-        (["model.json", "--rate", 0], "--rate"),
-        (["model.json", "--seconds", "nan"], "--seconds"),
-        (["model.json", "--rate", 1, "--seconds", 0.5], "0.5 s at 1 Hz hold no sample; the shortest run is 1 s"),
-        (["model.json", "--solver", "box_active_set"], "--solver: is for --part learning"),
-        (["model.json", "--priority", 100], "--priority"),
-        (["model.json", "--core", -1], "--core"),
-        (["model.json", "--out", "nowhere/figures.json"], "the folder nowhere does not exist"),
-    ],
-    ids=str,
-)
-def test_bad_input_is_refused_in_one_sentence(
-    piezobench: CommandLine, model_file: Path, words: list[object], message: str
-) -> None:
-    assert message in piezobench("realtime", *words, folder=model_file.parent).refusal
-    assert list(model_file.parent.iterdir()) == [model_file]
 
 
 def test_a_missing_compiler_is_reported_with_the_package_to_install(

@@ -22,6 +22,7 @@ from measured_rows import is_right, judged
 from program_files import dense, draw, same_problem, write_mat, write_qps
 from programs import library
 from qpsolvers import Problem
+from small_races import race_of
 
 from bench.derived.tiers import right
 from bench.messages.task import Outcome, Status, Tier
@@ -250,8 +251,8 @@ def raced(piezobench: CommandLine, folder: Path) -> tuple[Run, str]:
     (own := folder.parent / f"{folder.name}.py").write_text(ONLY_Q)
     options = ("--budget", 0.001, "--rounds", 2, "--schedule", 5, "--lane", "qpsolvers", "--lane", "direct")
     solvers = ("--solver", "daqp", "--solver", "clarabel", "--solver", "box_active_set", "--solver", own)
-    call = piezobench.run("race", "--folder", folder, *solvers, *options, "--out", folder / "results", "--name", "run")
-    return Run.open(folder / "results" / "run"), " ".join(call.stdout.split())
+    race = race_of(piezobench, folder / "results", "run", "--folder", folder, *solvers, *options)
+    return race.run, " ".join(race.call.stdout.split())
 
 
 def test_a_race_leaves_out_programs_without_a_proof_and_lists_the_reasons(raced: tuple[Run, str]) -> None:

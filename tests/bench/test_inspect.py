@@ -153,24 +153,6 @@ def test_the_drive_stays_in_its_range_and_has_its_rate_its_holds_and_a_picture(
     assert "<svg" in page.read_text() or "vega" in page.read_text()
 
 
-@pytest.mark.parametrize(
-    ("words", "sentence"),
-    [
-        (("--range", "0-100", "--rate", "500"), "'0-100' is not two numbers in ascending order, such as 0:100"),
-        (("--range", "9:1", "--rate", "500"), "--range: '9:1' is not two numbers in ascending order"),
-        (("--range", "0:1", "--rate", "10"), "gives 600 samples, and an excitation needs 2000"),
-        (("--range", "0:1", "--rate", "0"), "must be positive, not 0"),
-        (("--range", "0:1", "--rate", "1e9"), "6e+10 samples are more than"),
-    ],
-)
-def test_an_impossible_drive_is_refused_and_nothing_written(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, ...], sentence: str
-) -> None:
-    assert run(["excite", *words, "--out", str(tmp_path / "drive.csv")]) == 2
-    assert sentence in capsys.readouterr().err
-    assert not [*tmp_path.iterdir()]
-
-
 @pytest.mark.parametrize("plant", plants.names())
 def test_hysteresis_and_creep_of_every_plant_are_found_from_its_recording(tmp_path: Path, plant: str) -> None:
     drive = tmp_path / "drive.csv"

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from command_line import (
     CommandLine,
-    command_lines,
+    contents,
     hears_its_terminal,
-    of_session,
+    pacing,
     wait_until,
     wait_until_gone,
     without_waiting,
@@ -89,15 +89,10 @@ KINDS = {
 RESUMES = "Interrupted; finished tasks are kept; run 'piezobench resume results/run' to continue."
 
 
-def is_pacing(session: int) -> bool:
-    """Whether the C program of `realtime` runs."""
-    return any(words.startswith("./loop ") for words in command_lines(of_session(session)))
-
-
 def is_at_work(kind: str, folder: Path, session: int) -> bool:
     """Whether a call has started its processes and files."""
     if kind == "realtime":
-        return is_pacing(session)
+        return bool(pacing(session))
     run = folder / "results" / "run"
     return (run / "run.json").is_file() if kind == "problems" else bool(saved(Run(run)))
 
@@ -202,16 +197,11 @@ def test_a_call_started_with_nohup_or_in_the_background_continues_when_its_termi
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
     ) as call:
-        wait_until(lambda: is_pacing(call.pid), call.poll)
+        wait_until(lambda: pacing(call.pid), call.poll)
         os.killpg(call.pid, ignored)  # as a terminal does, also to the C program
         call.communicate()
     assert call.returncode == 0
     assert (tmp_path / "figures.json").is_file()
-
-
-def tree(folder: Path) -> dict[str, bytes]:
-    """Every file below a folder."""
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 def words_of(verb: str, folder: Path) -> tuple[object, ...]:
@@ -251,7 +241,7 @@ def test_a_call_ended_at_any_moment_by_any_signal_leaves_whole_files_and_no_proc
         folder.mkdir()
         if verb == "report":
             shutil.copytree(clean_race.run.path, folder / "run")
-        before, begin = tree(folder), time.monotonic()
+        before, begin = contents(folder), time.monotonic()
         call = piezobench.start(*words_of(verb, folder))
         if number > 2:  # the first three are left alone
             time.sleep(chance.uniform(0.0, took))
@@ -260,13 +250,13 @@ def test_a_call_ended_at_any_moment_by_any_signal_leaves_whole_files_and_no_proc
         wait_until_gone(call.pid)
         if number <= 2:
             assert ended.status == 0, ended.stderr
-            whole, took = tree(folder), time.monotonic() - begin
+            whole, took = contents(folder), time.monotonic() - begin
             continue
         assert ended.status in (0, 130, 143, -signal.SIGKILL, -signal.SIGTERM), ended.stderr
         assert "Traceback" not in ended.stderr
         found = {
             name: data
-            for name, data in tree(folder).items()
+            for name, data in contents(folder).items()
             if not any(part.startswith(".") for part in Path(name).parts)
         }
         assert found.keys() <= whole.keys()
@@ -276,4 +266,4 @@ def test_a_call_ended_at_any_moment_by_any_signal_leaves_whole_files_and_no_proc
             )
         again = piezobench(*words_of(verb, folder))  # nothing that was left is in the way
         assert again.status == 0 or "already" in again.stderr, again.stderr
-        assert tree(folder).keys() >= whole.keys()
+        assert contents(folder).keys() >= whole.keys()

@@ -8,7 +8,6 @@ import signal
 import socket
 import struct
 import subprocess
-import sys
 import time
 import urllib.error
 import urllib.request
@@ -23,11 +22,13 @@ import pandas as pd
 import pytest
 from browser import Browser
 from command_line import (
+    LIVE,
     PATIENCE_S,
+    STAGES,
     CommandLine,
-    command_lines,
+    free_port,
     hears_its_terminal,
-    of_session,
+    spawned,
     wait_until,
 )
 from exported_loops import a_model
@@ -41,19 +42,7 @@ from piezo_model.recordings import write_table
 from piezo_model.signals import decaying_triangle, multi_sine
 from piezo_model.units import UnitError, quantity
 
-EXAMPLES = Path(__file__).parents[2] / "examples" / "live"
 RATE, LIMIT = 500, 150.0
-LIVE = (sys.executable, "-m", "bench", "live")
-
-
-def loop_of(session: int) -> int:
-    """Process id of the loop, the first that a run starts."""
-    return min(pid for pid in of_session(session) if "spawn_main" in "".join(command_lines([pid])))
-
-
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        return int(taken.getsockname()[1])
 
 
 STALLS = """
@@ -85,7 +74,7 @@ def test_due_times_that_a_stall_skips_are_missed_deadlines(piezobench: CommandLi
 def test_a_stage_that_cannot_be_opened_again_is_left_with_a_message(piezobench: CommandLine, tmp_path: Path) -> None:
     call = piezobench.start("live", "--simulate", "duhem", "--no-page", "--record", tmp_path / "run.parquet")
     wait_until((tmp_path / "run.arrow").exists)
-    os.kill(loop_of(call.pid), signal.SIGKILL)
+    os.kill(spawned(call.pid)[0], signal.SIGKILL)  # the loop is the first that a run starts
     ended = call.wait()
     left = "and the stage cannot be opened by another process: its last drive was" in ended.stdout
     assert (ended.status, left) == (1, True)
@@ -153,38 +142,6 @@ def test_a_simulated_stage_follows_the_clock_if_the_loop_is_late() -> None:
     assert y in by_samples_held  # creep moved on for 0.2 s, or longer on a busy machine
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ((), "give either a simulated actuator or the file of a stage"),
-        (("--simulate", "magic"), "there is no simulated actuator 'magic'"),
-        (
-            ("--simulate", "flexure", "--rate", 500),
-            "the resonance at 200 Hz is above 35 % of the sampling rate, 500 Hz",
-        ),
-        (("--simulate", "duhem", "--sine", "fast"), "--sine fast: must be a frequency in Hz and an amplitude in µm"),
-        (("--simulate", "duhem", "--sine", "1:2:3:4"), "must be a frequency in Hz and an amplitude in µm"),
-        (("--simulate", "duhem", "--sine", "0Hz:1um"), "the frequency must be positive"),
-        (("--simulate", "duhem", "--sine", "600Hz:1um"), "below half the sampling rate, 500 Hz"),
-        (
-            ("--simulate", "duhem", "--integral-gain", 1001),
-            "--integral-gain must be from 0 to 1/sample_time, 1000 per second, not 1001",
-        ),
-        (("--simulate", "duhem", "--sine", "5Hz:10V"), "must be a frequency in Hz and an amplitude in µm"),
-        (("--simulate", "duhem", "--sine", "5Hz:1um", "--set-point", 3), "two references"),
-        (("--simulate", "duhem", "--rate", 1e6), "--rate': Input should be less than or equal to 10000"),
-        (("--simulate", "duhem", "--record", "run.csv"), "must end in .parquet"),
-        (("--simulate", "duhem", "--set-point", 300), "the set point must be a number from -20 to 20 µm, not 300"),
-        (("--simulate", "duhem", "--sine", "1Hz:nan"), "must be a frequency in Hz and an amplitude in µm"),
-        (("--simulate", "duhem", "--sine", "1Hz:1um:1e999"), "must be a frequency in Hz and an amplitude in µm"),
-    ],
-)
-def test_an_invalid_run_is_refused_in_a_sentence_before_anything_moves(
-    words: tuple[object, ...], message: str, piezobench: CommandLine
-) -> None:
-    assert message in piezobench("live", "--no-page", *words).refusal
-
-
 def test_a_reference_and_a_model_in_other_units_are_converted_to_those_of_the_stage(tmp_path: Path) -> None:
     wanted = {"time_s": np.arange(4) * 1e-3, "reference_nm": [0.0, 1000.0, 2000.0, -500.0]}
     write_table(tmp_path / "path.csv", wanted)
@@ -234,7 +191,7 @@ def test_the_declarations_of_a_stage_are_checked_before_the_first_sample(
 ) -> None:
     old, new = change.split(" -> ")
     file = tmp_path / "stage.py"
-    file.write_text((EXAMPLES / "tcp_stage.py").read_text().replace(old, new, 1))
+    file.write_text((STAGES / "tcp_stage.py").read_text().replace(old, new, 1))
     assert message in piezobench("live", "--device", file, "--no-page").refusal
 
 

@@ -20,9 +20,11 @@ import numpy as np
 import pyarrow.parquet as parquet
 import pytest
 from command_line import (
+    LIVE,
+    STAGES,
     CommandLine,
-    command_lines,
-    of_session,
+    free_port,
+    spawned,
     wait_until,
     wait_until_gone,
     without_waiting,
@@ -34,8 +36,6 @@ from bench.timing import cores
 from piezo_model import Recording
 from piezo_model.recordings.formats.arrow import whole_batches
 
-EXAMPLES = Path(__file__).parents[2] / "examples" / "live"
-LIVE = (sys.executable, "-m", "bench", "live")
 LIMIT, SLOPE = 150.0, 3_000.0
 ENDS_DRAWN, SEED, AT_ONCE = 50, 0, 4
 FAULTY = """{stage}
@@ -60,11 +60,11 @@ class Stage:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        words = [sys.executable, str(EXAMPLES / "tcp_server.py"), "0", str(folder / "drive.log")]
+        words = [sys.executable, str(STAGES / "tcp_server.py"), "0", str(folder / "drive.log")]
         # a copy, since pytest changes the environment in another thread
         self.server = subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env={**os.environ})
         port = self.server.stdout.readline().split()[1]
-        text = (EXAMPLES / "tcp_stage.py").read_text().replace("127.0.0.1:7654", f"127.0.0.1:{port}")
+        text = (STAGES / "tcp_stage.py").read_text().replace("127.0.0.1:7654", f"127.0.0.1:{port}")
         # patient, since the machine may be busy with other tests
         self.text = text.replace("timeout_s = 0.5", "timeout_s = 3.0")
         self.file = folder / "stage.py"
@@ -93,11 +93,6 @@ def stage(tmp_path: Path) -> Iterator[Stage]:
         yield made
 
 
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        return int(taken.getsockname()[1])
-
-
 @dataclass(frozen=True)
 class Live:
     """A running live run."""
@@ -109,7 +104,7 @@ class Live:
     @property
     def children(self) -> list[int]:
         """The loop and, once it has been started, the process that stands by."""
-        return sorted(pid for pid in of_session(self.session) if "spawn_main" in "".join(command_lines([pid])))
+        return spawned(self.session)
 
     def kill(self, *which: int) -> None:
         """Kill the run's own process (0), its loop (1) or the process that stands by (2), at once."""
@@ -205,6 +200,9 @@ ENDS = {
         "raise OSError('gone')",
         "close",
         words=("--seconds", 1),
+    ),
+    "never closes": End(
+        1, "The stage is at rest; the stage did not close within 10 s.", ASLEEP, "close", words=("--seconds", 1)
     ),
     "closed tab": End(130, STOPPED, act=lambda run: (run.close_tab(), run.signal(signal.SIGINT))),
     "full disk": End(1, "could not be written: ", act=lambda run: run.fill_disk()),
@@ -355,17 +353,6 @@ def test_a_run_whose_output_nobody_reads_ends_at_rest_with_its_recording(stage: 
     assert (call.returncode, errors) == (2, "piezobench live: standard output cannot be written (Broken pipe)\n")
     assert stage.drives()[-1] == 0.0
     np.testing.assert_array_equal(recorded(tmp_path / "run.parquet"), stage.drives())
-
-
-@pytest.mark.slow
-def test_a_stage_that_does_not_close_is_given_up_at_rest_and_its_run_has_failed(
-    stage: Stage, piezobench: CommandLine
-) -> None:
-    file, _ = stage.faulty("close", ASLEEP)
-    ended = piezobench("live", "--device", file, "--seconds", 1, "--no-page")
-    assert (ended.status, ended.stderr) == (1, "")
-    assert "The stage is at rest; the stage did not close within 10 s." in ended.stdout
-    assert stage.drives()[-1] == 0.0
 
 
 @pytest.mark.nightly

@@ -3,7 +3,7 @@ ladder."""
 
 import json
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
 
@@ -80,19 +80,12 @@ WORDS = (
 )
 
 
-@dataclass(frozen=True)
-class Ended:
-    """A race of solvers whose ladders end."""
-
-    folder: Path
-    race: Race
-
-
 @pytest.fixture(scope="module")
-def ended(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Ended:
+def ended(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
+    """A race of solvers whose ladders end."""
     folder = tmp_path_factory.mktemp("ended")
     files = [word for name in ENDS for word in ("--solver", with_ladder(folder, name))]
-    return Ended(folder, race_of(piezobench, folder, "run", *WORDS, *files))
+    return race_of(piezobench, folder, "run", *WORDS, *files)
 
 
 def names(race: Race) -> list[tuple[str, str, str, str, str]]:
@@ -127,9 +120,9 @@ def test_a_row_has_its_setting_for_the_constant_one_and_for_the_constant_of_its_
 
 @pytest.mark.parametrize("name", ENDS)
 def test_a_crash_a_timeout_and_an_answer_of_more_than_a_tenth_of_the_limit_end_a_ladder_and_nothing_else_does(
-    ended: Ended, name: str
+    ended: Race, name: str
 ) -> None:
-    rows = ended.race.rows[ended.race.rows.solver == name].sort_values("rung")
+    rows = ended.rows[ended.rows.solver == name].sort_values("rung")
     assert rows.rung.tolist() == [-1, 0, 1, 2, 3, 4]
     goes_on = name in ("goes_on", "fails")
     assert rows.status.tolist() == [
@@ -139,7 +132,7 @@ def test_a_crash_a_timeout_and_an_answer_of_more_than_a_tenth_of_the_limit_end_a
         STATUS[name],
         *[STATUS[name] if goes_on else "not_run"] * 2,
     ]
-    assert logged(ended.folder, name) == ({0, 2, 4, 6, 8, 10} if goes_on else {0, 2, 4, 6})
+    assert logged(ended.run.path.parent, name) == ({0, 2, 4, 6, 8, 10} if goes_on else {0, 2, 4, 6})
     behind = rows[rows.status == "not_run"]
     assert behind[["cost_gap", "solve_us_p50"]].isna().all(axis=None)
     why = (
@@ -150,16 +143,16 @@ def test_a_crash_a_timeout_and_an_answer_of_more_than_a_tenth_of_the_limit_end_a
     assert all(why in message for message in behind.message)
 
 
-def test_skipped_settings_are_chosen_for_no_tier_and_are_no_failure_in_the_report(ended: Ended) -> None:
-    settings = ended.race.found.settings.set_index(["solver", "tier"])
+def test_skipped_settings_are_chosen_for_no_tier_and_are_no_failure_in_the_report(ended: Race) -> None:
+    settings = ended.found.settings.set_index(["solver", "tier"])
     assert settings.setting["crashes", "high"] == '{"k": 2}'
-    report = (ended.race.run.path / "report.md").read_text()
+    report = (ended.run.path / "report.md").read_text()
     assert "exit status 3" in report
     assert "a looser setting" not in report
 
 
 def test_a_race_killed_in_a_ladder_that_ended_resumes_after_that_end_and_has_the_same_rows(
-    piezobench: CommandLine, tmp_path: Path, ended: Ended
+    piezobench: CommandLine, tmp_path: Path, ended: Race
 ) -> None:
     files = [word for name in ("crashes", "goes_on") for word in ("--solver", with_ladder(tmp_path, name))]
     run = Run(tmp_path / "run")
@@ -179,8 +172,8 @@ def test_a_race_killed_in_a_ladder_that_ended_resumes_after_that_end_and_has_the
     assert done.status == 1, "one of its own solvers crashes"
     assert logged(tmp_path, "crashes").isdisjoint({6, 8, 10})
     resumed = Race(run, run.rows(), done)
-    both = ended.race.rows[ended.race.rows.solver.isin(["crashes", "goes_on", "daqp", "null"])]
-    assert names(resumed) == names(replace(ended.race, rows=both))
+    both = ended.rows[ended.rows.solver.isin(["crashes", "goes_on", "daqp", "null"])]
+    assert names(resumed) == names(replace(ended, rows=both))
     assert resumed.rows.status.tolist() == both.status.tolist()
 
 
@@ -262,19 +255,3 @@ def test_given_settings_are_raced_beside_the_defaults_in_place_of_the_ladder(
     assert all(json.loads(text) == json.loads(given[5:]) for text in rows[rows.rung == 0].settings)
     assert (rows.status == "answered").all()
     assert race.hot[race.hot.solver == "daqp"].setting.nunique() == 3
-
-
-@pytest.mark.parametrize(
-    ("settings", "sentence"),
-    [
-        (["osqp=1e-6"], "osqp: must be SOLVER={...} with settings in JSON"),
-        (["clarabel={}"], "which does not race"),
-        (['osqp={"eps_abs": 1e-4}', "osqp={}"], "--settings: osqp: takes one setting, and is given several"),
-    ],
-)
-def test_given_settings_that_are_none_are_refused(
-    piezobench: CommandLine, tmp_path: Path, settings: list[str], sentence: str
-) -> None:
-    call = piezobench("race", *GIVEN, *(word for text in settings for word in ("--settings", text)), "--out", tmp_path)
-    assert sentence in call.refusal
-    assert not [*tmp_path.iterdir()]

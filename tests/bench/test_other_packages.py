@@ -38,10 +38,11 @@ def test_no_name_of_a_file_hides_a_solver(tmp_path: Path, monkeypatch: pytest.Mo
     assert not {("direct", "x_shared"), ("kernel", "y_z")} & found
 
 
-def piezobench(target: Path, *words: object) -> subprocess.CompletedProcess[str]:
+def python(target: Path, *words: object) -> subprocess.CompletedProcess[str]:
+    """Python with the folder on its path."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(target)])}
     return subprocess.run(
-        [sys.executable, "-m", "bench", *map(str, words)],
+        [sys.executable, *map(str, words)],
         env=environment,
         capture_output=True,
         text=True,
@@ -53,8 +54,10 @@ def piezobench(target: Path, *words: object) -> subprocess.CompletedProcess[str]
 @pytest.mark.slow
 def test_a_solver_of_another_package_is_raced_like_ours_and_its_version_kept(tmp_path: Path) -> None:
     target = installed(tmp_path / "site", "direct.tiny = tiny_solvers:Mine")
-    call = piezobench(
+    call = python(
         target,
+        "-m",
+        "bench",
         "race",
         "--solver",
         "tiny",
@@ -78,18 +81,6 @@ def test_a_solver_of_another_package_is_raced_like_ours_and_its_version_kept(tmp
     assert set(rows.status[rows.solver == "tiny"]) == {"answered"}
 
 
-def listed(target: Path, code: str) -> str:
-    """Output of a Python script with the folder on its path."""
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(target)])}
-    return subprocess.run(
-        [sys.executable, "-c", f"import solvers\nfrom solvers.registry import describe, find\n{code}"],
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout
-
-
 def test_a_name_without_a_lane_is_in_the_lane_direct_and_an_unusable_class_is_absent_with_the_reason(
     tmp_path: Path,
 ) -> None:
@@ -99,11 +90,13 @@ def test_a_name_without_a_lane_is_in_the_lane_direct_and_an_unusable_class_is_ab
         "tiny_solvers:Mine\n"
         "direct.gone = no_such_module:Mine",
     )
-    first, *absent = listed(
+    first, *absent = python(
         target,
+        "-c",
+        "import solvers\nfrom solvers.registry import describe, find\n"
         "print(find('tiny').lane, solvers.get('tiny').name)\n"
         "for name in ('yours', 'lost', 'gone'): print(describe(find(name)).absent)",
-    ).splitlines()
+    ).stdout.splitlines()
     assert first.split() == ["direct", "tiny"]
     promised = (
         "has no Solver class Yours",
@@ -115,8 +108,10 @@ def test_a_name_without_a_lane_is_in_the_lane_direct_and_an_unusable_class_is_ab
 
 def test_an_absent_solver_that_is_selected_by_name_ends_the_race_with_the_reason(tmp_path: Path) -> None:
     target = installed(tmp_path / "site", "direct.tiny = no_such_module:Mine")
-    call = piezobench(
+    call = python(
         target,
+        "-m",
+        "bench",
         "race",
         "--solver",
         "tiny",
@@ -154,7 +149,7 @@ def test_an_invalid_registration_is_refused_with_the_name_of_the_package(
     tmp_path: Path, entry_point: str, message: str
 ) -> None:
     target = installed(tmp_path / "site", entry_point)
-    call = piezobench(target, "race", "--solver", "daqp", "--out", tmp_path, "--name", "run")
+    call = python(target, "-m", "bench", "race", "--solver", "daqp", "--out", tmp_path, "--name", "run")
     assert call.returncode == 2
     assert call.stderr.startswith("piezobench race: ")
     assert message in call.stderr

@@ -289,6 +289,8 @@ OTHER_NAMES = [
     if (suffix, key) != ("npz", "G")
 ]
 """Constraints under names of other packages and formats."""
+OF_ONE = {"P": np.eye(1), "q": np.ones(1), "x_l": np.zeros(1)}
+"""A bound of a single variable under another name."""
 
 
 @pytest.mark.parametrize(
@@ -313,6 +315,7 @@ OTHER_NAMES = [
         ("wrong.npz", {"lb": [0.0, np.inf]}, "lb[1] is inf, and nothing is within that"),
         ("wrong.npz", {"ub": [np.nan, 1.0]}, "ub[0] is nan"),
         ("box.mat", {"lb": np.zeros(2)}, "holds lb, which is not read"),
+        *((f"one{suffix}", OF_ONE, "holds x_l, which is not read") for suffix in (".npz", ".mat")),
         ("sides.npz", {"u": np.ones(2)}, "holds u, which is not read"),
         *((name, {key: value}, f"holds {key}, which is not read") for name, key, value in OTHER_NAMES),
         ("rows.npz", {"G": np.ones((3, 2)), "h": np.ones(3), "h_low": np.ones(3)}, "holds h_low, which is not read"),
@@ -362,13 +365,6 @@ def test_scalars_and_text_beside_a_program_and_the_files_of_races_are_read(tmp_p
         assert same(found, Problem(WHOLE["P"], WHOLE["q"], np.ones((1, 2)), np.ones(1), lb=found.lb, ub=found.ub))
     for stored in ("problems/paper--duhem-staircase", "misses/piqp-direct-measured--afm_head"):
         assert read(Path("results/reference") / f"{stored}.npz").qp.q.size > 2
-
-
-def test_a_bound_of_a_single_variable_under_another_name_is_refused(tmp_path: Path) -> None:
-    for name in ("one.npz", "one.mat"):
-        write(tmp_path / name, {"P": np.eye(1), "q": np.ones(1), "x_l": np.zeros(1)})
-        with pytest.raises(ProblemFileError, match=f"{name}: holds x_l, which is not read"):
-            read(tmp_path / name)
 
 
 def test_arrays_that_are_larger_than_their_file_are_refused_before_memory_is_taken(tmp_path: Path) -> None:

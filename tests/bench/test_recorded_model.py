@@ -1,7 +1,6 @@
 """The model of a recording: judged on the last fifth, fitted to all of it, deployed, and preferred to a worse one."""
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +8,7 @@ import pandas as pd
 import plain_stage
 import pytest
 from command_line import CommandLine
+from small_races import race_of
 
 from bench.deploy.actuator_model import model_for
 from bench.problems.recorded import kept_back
@@ -22,16 +22,8 @@ FEW = ("--limit", 2, "--solver", "box_active_set", "--lane", "direct", "--budget
 LONG = ("--deadline", 1e6)
 
 
-@dataclass(frozen=True)
-class Stage:
-    """A recording, and later data of the same actuator."""
-
-    path: Path
-    later: Recording
-
-
-def stage(folder: Path, kind: str, samples: int = 12_000) -> Stage:
-    """A recording of a simulated actuator with a noisy sensor."""
+def stage(folder: Path, kind: str, samples: int = 12_000) -> tuple[Path, Recording]:
+    """A recording of a simulated actuator with a noisy sensor, and later data of the same actuator."""
     chance, plant = np.random.default_rng(3), plants.get(kind, sample_time=1e-3)
     t, (low, high) = np.arange(2 * samples) * 1e-3, plant.x_range
     waves = (
@@ -43,24 +35,21 @@ def stage(folder: Path, kind: str, samples: int = 12_000) -> Stage:
     y = plant.run(x) + 1e-3 * np.ptp(plant.y_range) * chance.normal(size=t.size)
     path = folder / f"{kind}.csv"
     write_table(path, {"time_s": t[:samples], "voltage_V": x[:samples], "displacement_um": y[:samples]})
-    return Stage(
-        path, Recording.from_arrays(x[samples:], y[samples:], 1e-3, input_unit="V", output_unit="um", name="later")
-    )
+    return path, Recording.from_arrays(x[samples:], y[samples:], 1e-3, input_unit="V", output_unit="um", name="later")
 
 
 @pytest.fixture(scope="module")
-def recorded(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> tuple[Stage, Run]:
+def recorded(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Recording, Run]:
     folder = tmp_path_factory.mktemp("recorded")
-    made = stage(folder, "bouc_wen")
-    piezobench.run("race", "--recording", made.path, *FEW, "--out", folder, "--name", "run")
-    return made, Run.open(folder / "run")
+    path, later = stage(folder, "bouc_wen")
+    return path, later, race_of(piezobench, folder, "run", "--recording", path, *FEW).run
 
 
 def test_a_race_on_a_recording_keeps_the_model_of_all_of_it_and_the_error_of_that_of_four_fifths_on_the_last(
-    recorded: tuple[Stage, Run],
+    recorded: tuple[Path, Recording, Run],
 ) -> None:
-    made, run = recorded
-    recording = Recording.open(made.path)
+    path, _, run = recorded
+    recording = Recording.open(path)
     x, y = recording.x, recording.y
     fitted = round(0.8 * x.size)
     parts = [
@@ -76,9 +65,9 @@ def test_a_race_on_a_recording_keeps_the_model_of_all_of_it_and_the_error_of_tha
 
 
 def test_deploy_uses_that_model_and_prints_its_error(
-    piezobench: CommandLine, recorded: tuple[Stage, Run], tmp_path: Path
+    piezobench: CommandLine, recorded: tuple[Path, Recording, Run], tmp_path: Path
 ) -> None:
-    _, run = recorded
+    *_, run = recorded
     call = piezobench.run("deploy", run.path, *LONG, "--out", tmp_path / "c.json")
     error = run.settings["models"]["recorded"]["error_percent"]
     output = " ".join(call.stdout.split())
@@ -92,9 +81,9 @@ def test_deploy_uses_that_model_and_prints_its_error(
 
 
 def test_a_model_with_a_ten_percent_larger_error_is_refused_with_both_errors(
-    piezobench: CommandLine, recorded: tuple[Stage, Run], tmp_path: Path
+    piezobench: CommandLine, recorded: tuple[Path, Recording, Run], tmp_path: Path
 ) -> None:
-    _, run = recorded
+    *_, run = recorded
     kept, model = run.settings["models"]["recorded"]["error_percent"], model_for(run).model
     unseen = kept_back(run.problem("recorded", run.settings["problems"]["recorded"][0]))
     plays = np.arange(model.weights.size) < model.structure.n
@@ -112,10 +101,10 @@ def test_a_model_with_a_ten_percent_larger_error_is_refused_with_both_errors(
 
 
 def test_a_model_in_other_units_than_the_recording_of_the_race_is_judged_in_its_own(
-    piezobench: CommandLine, recorded: tuple[Stage, Run], tmp_path: Path
+    piezobench: CommandLine, recorded: tuple[Path, Recording, Run], tmp_path: Path
 ) -> None:
-    made, run = recorded
-    opened = Recording.open(made.path)
+    path, _, run = recorded
+    opened = Recording.open(path)
     identify(opened.in_units("mV", "nm"), n=5, m=3, creep_rates=(10.0, 1.0)).save(tmp_path / "small.json")
     identify(opened, n=5, m=3, creep_rates=(10.0, 1.0)).save(tmp_path / "model.json")
     errors = []
@@ -141,14 +130,14 @@ def test_a_model_in_other_units_than_the_recording_of_the_race_is_judged_in_its_
     ],
 )
 def test_only_a_model_of_the_first_four_fifths_is_said_to_be_judged_on_held_out_data(
-    piezobench: CommandLine, recorded: tuple[Stage, Run], tmp_path: Path, how: str, last_fifth: str
+    piezobench: CommandLine, recorded: tuple[Path, Recording, Run], tmp_path: Path, how: str, last_fifth: str
 ) -> None:
-    made, run = recorded
-    recording = Recording.open(made.path)
+    path, later, run = recorded
+    recording = Recording.open(path)
     x, y, orders = recording.x, recording.counted_y, ("--n", 5, "--m", 3, "--rates", "100,10,1,0.1")
     stop = {"four fifths": round(0.8 * x.size), "half": x.size // 2}.get(how, x.size)
     if how == "later":
-        x, y = made.later.x, made.later.counted_y
+        x, y = later.x, later.counted_y
     t = np.arange(stop) * 1e-3
     write_table(tmp_path / "part.csv", {"time_s": t, "voltage_V": x[:stop], "displacement_um": y[:stop]})
     words: tuple[object, ...] = ("--problem", "recorded/n5-m3-whole")
@@ -177,10 +166,7 @@ def test_a_recording_without_a_model_is_raced_and_deploy_gives_the_reason(
         tmp_path / "noise.csv",
         {"time_s": t, "voltage_V": 50 - 50 * np.cos(2 * np.pi * t), "displacement_um": chance.normal(size=t.size)},
     )
-    assert (
-        piezobench("race", "--recording", tmp_path / "noise.csv", *FEW, "--out", tmp_path, "--name", "run").status == 0
-    )
-    run = Run.open(tmp_path / "run")
+    run = race_of(piezobench, tmp_path, "run", "--recording", tmp_path / "noise.csv", *FEW).run
     reason = run.settings["models"]["recorded"]["refused"]
     assert reason.startswith(f"{tmp_path / 'noise.csv'}, samples 0 to 3199: ")
     assert not run.model_path("recorded").exists()
@@ -205,8 +191,7 @@ def test_one_frequency_gives_a_model_without_creep_from_the_race_to_the_controll
     u = 1 + 8 * np.interp(t / 2 % 1, [0, 0.5, 1], [0, 1, 0])
     y = plain_stage.stage(u)
     write_table(tmp_path / "a.csv", {"time_s": t, "voltage_V": u, "position_um": y + chance.normal(0, 0.3, t.size)})
-    assert piezobench("race", "--recording", tmp_path / "a.csv", *FEW, "--out", tmp_path, "--name", "run").status == 0
-    run = Run.open(tmp_path / "run")
+    run = race_of(piezobench, tmp_path, "run", "--recording", tmp_path / "a.csv", *FEW).run
     assert f"of the whole recording. {UNDETERMINED}" in (run.path / "report.md").read_text()
     call = piezobench("deploy", run.path, *LONG, "--out", tmp_path / "c.json")
     assert UNDETERMINED in " ".join(call.stdout.split()), call.stderr
@@ -220,8 +205,7 @@ def test_one_frequency_gives_a_model_without_creep_from_the_race_to_the_controll
 def test_missing_outputs_pass_through_identify_its_page_validate_a_fleet_and_a_race(
     piezobench: CommandLine, tmp_path: Path
 ) -> None:
-    made = stage(tmp_path, "bouc_wen", 5000)
-    recording = Recording.open(made.path)
+    recording = Recording.open(stage(tmp_path, "bouc_wen", 5000)[0])
     x, y = recording.x, recording.y.copy()
     y[[0, 1, 700, 2500, 2501, 4700]] = np.nan
     for name in ("a", "b"):
@@ -233,8 +217,7 @@ def test_missing_outputs_pass_through_identify_its_page_validate_a_fleet_and_a_r
         assert "over 4994 of 5000 samples (6 not counted)" in " ".join(call.stdout.split())
         assert "NaN" not in (tmp_path / f"{verb[0]}-figures" / "error.csv").read_text()
     piezobench.run("identify", one, tmp_path / "b.parquet", "--out-dir", tmp_path / "fleet", *words)
-    assert piezobench("race", "--recording", one, *FEW, "--out", tmp_path, "--name", "run").status == 0
-    run = Run.open(tmp_path / "run")
-    assert 0.0 < run.settings["models"]["recorded"]["error_percent"] < 2.0
-    rows = run.rows()
+    race = race_of(piezobench, tmp_path, "run", "--recording", one, *FEW)
+    assert 0.0 < race.run.settings["models"]["recorded"]["error_percent"] < 2.0
+    rows = race.rows
     assert rows[rows.solver == "box_active_set"].model_error_percent.between(0.0, 2.0).all()

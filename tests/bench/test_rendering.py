@@ -49,29 +49,25 @@ def test_a_unit_that_is_code_is_written_and_never_executed(
         },
     ).to_parquet(tmp_path / "stage.parquet")
 
-    def call(*words: object) -> str:
-        done = piezobench.run(*words, folder=tmp_path)
-        return done.stdout
-
-    call("identify", "stage.parquet", "--out", "m.json")
+    piezobench.run("identify", "stage.parquet", "--out", "m.json", folder=tmp_path)
     # readers of recordings drop invalid units, but a model file may contain any text
     file = json.loads((tmp_path / "m.json").read_text())
     file["structure"] |= {"input_unit": unit, "output_unit": output_unit}
     (tmp_path / "m.json").write_text(json.dumps(file))
-    call("export-c", "m.json", "c")
-    call("export-c", "m.json", "learning", "--part", "learning")
+    piezobench.run("export-c", "m.json", "c", folder=tmp_path)
+    piezobench.run("export-c", "m.json", "learning", "--part", "learning", folder=tmp_path)
     for folder in ("c", "learning"):
         said = subprocess.run([program("make"), "-C", tmp_path / folder, "run"], capture_output=True, check=True).stderr
         assert unit.encode() in said
-    call("export-fmu", "m.json", "two.fmu", "--fmi", "2")
-    call("export-fmu", "m.json", "three.fmu")
+    piezobench.run("export-fmu", "m.json", "two.fmu", "--fmi", "2", folder=tmp_path)
+    piezobench.run("export-fmu", "m.json", "three.fmu", folder=tmp_path)
     for name in ("two", "three"):
         zipfile.ZipFile(tmp_path / f"{name}.fmu").extractall(tmp_path / name)
         description = ET.parse(tmp_path / name / "modelDescription.xml")
         assert unit.replace("\x01", "\ufffd") in [found.get("name") for found in description.iter("Unit")]
         (library,) = (tmp_path / name / "binaries").rglob("*.so")
         ctypes.CDLL(str(library))
-    call("realtime", "m.json", "--seconds", "0.02", "--priority", "0")
+    piezobench.run("realtime", "m.json", "--seconds", "0.02", "--priority", "0", folder=tmp_path)
     assert not touched.exists()
 
 

@@ -6,12 +6,10 @@
 import json
 import os
 import random
-import shutil
 import signal
 import subprocess
-import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import count
 from multiprocessing import get_context
 from pathlib import Path
@@ -185,8 +183,7 @@ def test_an_existing_run_is_not_overwritten(tmp_path: Path) -> None:
 
 
 def test_a_run_that_is_finished_or_has_a_task_is_not_discarded(clean_race: Race, tmp_path: Path) -> None:
-    shutil.copytree(clean_race.run.path, tmp_path / "finished")
-    Run(tmp_path / "finished").discard()
+    clean_race.copied(tmp_path / "finished").discard()
     assert (tmp_path / "finished" / "rows.parquet").is_file()
     new = Run.create(tmp_path, SETTINGS, "new")
     part = new.part("one")
@@ -203,8 +200,7 @@ def test_a_run_that_is_finished_or_has_a_task_is_not_discarded(clean_race: Race,
 def test_a_run_of_another_version_is_refused_in_one_sentence_by_every_verb_that_opens_it(
     clean_race: Race, piezobench: CommandLine, tmp_path: Path, version: int
 ) -> None:
-    run = Run(tmp_path / "run")
-    shutil.copytree(clean_race.run.path, run.path)
+    run = clean_race.copied(tmp_path / "run")
     noted = {name: value for name, value in clean_race.run.settings.items() if name != "version"}
     (run.path / "run.json").write_text(json.dumps(noted if version == 1 else {**noted, "version": version}))
     for words in (
@@ -220,19 +216,10 @@ def test_a_run_of_another_version_is_refused_in_one_sentence_by_every_verb_that_
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
-def unfinished(clean_race: Race, tmp_path: Path) -> Run:
-    """A copy of a run before its first task."""
-    shutil.copytree(clean_race.run.path, tmp_path / "run")
-    run = Run(tmp_path / "run")
-    (run.path / "rows.parquet").unlink()
-    (run.path / "parts").mkdir()
-    return run
-
-
 def test_a_resumed_run_generates_no_saved_problem(
     clean_race: Race, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    run = unfinished(clean_race, tmp_path)
+    run = clean_race.unfinished(tmp_path / "run")
     settings = settings_of(run)
 
     def made(self: problems.ProblemSet) -> None:
@@ -244,7 +231,7 @@ def test_a_resumed_run_generates_no_saved_problem(
 
 
 def test_a_problem_whose_file_is_missing_is_generated_again(clean_race: Race, tmp_path: Path) -> None:
-    run = unfinished(clean_race, tmp_path)
+    run = clean_race.unfinished(tmp_path / "run")
     (path,) = (run.path / "problems").iterdir()
     path.unlink()
     (loaded,) = problems_of(run, settings_of(run), silent)
@@ -263,11 +250,10 @@ def test_a_problem_whose_file_is_missing_is_generated_again(clean_race: Race, tm
     ids=["half", "empty", "nonsense", "hole"],
 )
 def test_a_damaged_problem_is_one_sentence_with_the_file_named(
-    piezobench: CommandLine, clean_race: Race, tmp_path: Path, damage: object
+    piezobench: CommandLine, clean_race: Race, tmp_path: Path, damage: Callable[[bytes], bytes]
 ) -> None:
-    run = unfinished(clean_race, tmp_path)
+    run = clean_race.unfinished(tmp_path / "run")
     (path,) = (run.path / "problems").iterdir()
-    assert callable(damage)
     path.write_bytes(damage(path.read_bytes()))
     refusal = piezobench("resume", run.path).refusal
     assert path.name in refusal
@@ -286,14 +272,12 @@ def test_an_atomic_file_is_synced_before_its_folder_is(tmp_path: Path, monkeypat
     assert (tmp_path / "file.txt").read_text() == "whole"
     assert [path.parent if path != tmp_path else path for path in synced] == [tmp_path, tmp_path]
     assert synced[-1] == tmp_path
-    assert tempfile.gettempdir() not in map(str, synced)
 
 
 def test_a_run_knows_the_machine_of_each_of_its_rows_and_is_refused_without_it(
     piezobench: CommandLine, clean_race: Race, tmp_path: Path
 ) -> None:
-    shutil.copytree(clean_race.run.path, tmp_path / "run")
-    (path,) = (tmp_path / "run" / "machines").iterdir()
+    (path,) = (clean_race.copied(tmp_path / "run").path / "machines").iterdir()
     described = json.loads(text := path.read_text())
     path.write_text(text.replace('"cores": ', '"cores": 1'))
     assert f"{path}: is not what its name, a digest, was made of" in piezobench("report", tmp_path / "run").refusal

@@ -169,25 +169,28 @@ def test_a_reservation_comes_before_the_figures_that_it_concerns_and_a_quiet_mac
     assert len(verdict(measured(ladder({"p1": [NAN]})), CORE, 2.0)) == 1  # there is no time that it would concern
 
 
+TO_1E_6, TO_1E_3 = ladder({"p1": [1e-4, 1e-7]}, solver="osqp"), ladder({"p1": [1e-4]}, solver="scs")
+
+
 @pytest.mark.parametrize(
-    ("count", "message"),
+    ("rows", "message"),
     [
-        (1, "on the problem, each with a setting chosen on the problem it is judged on; fastest"),
-        (2, "on all 2 problems, each with a setting chosen on the problem it is judged on; fastest"),
-        (3, "on all 3 problems; fastest"),
+        *(
+            (ladder({name: RIGHT[name] for name in [*RIGHT][:count]}), f"1e-9 on {problems}; fastest")
+            for count, problems in (
+                (1, "the problem, each with a setting chosen on the problem it is judged on"),
+                (2, "all 2 problems, each with a setting chosen on the problem it is judged on"),
+                (3, "all 3 problems"),
+            )
+        ),
+        ([*TO_1E_6, *TO_1E_3], "1 of 2 solver lanes reach 1e-6 on the problem"),
+        (TO_1E_3, "1 of 1 solver lane reaches 1e-3 on the problem"),
     ],
 )
-def test_below_three_problems_the_verdict_states_that_settings_are_judged_on_the_problems_of_their_choice(
-    count: int, message: str
+def test_the_verdict_is_for_the_first_of_1e_9_1e_6_and_1e_3_that_a_solver_reaches_and_below_three_problems_says_so(
+    rows: list[Row], message: str
 ) -> None:
-    problems = {name: RIGHT[name] for name in [*RIGHT][:count]}
-    assert message in verdict(measured(ladder(problems)))[0]
-
-
-def test_the_accuracy_of_the_verdict_is_the_first_of_1e_9_1e_6_and_1e_3_that_a_solver_reaches() -> None:
-    loose = [*ladder({"p1": [1e-4, 1e-7]}, solver="osqp"), *ladder({"p1": [1e-4]}, solver="scs")]
-    assert verdict(measured(loose))[0].startswith("1 of 2 solver lanes reach 1e-6 on the problem")
-    assert verdict(measured(loose[-1:]))[0].startswith("1 of 1 solver lane reaches 1e-3 on the problem")
+    assert message in verdict(measured(rows))[0]
 
 
 def test_a_field_without_a_solver_that_reaches_a_tier_has_a_sentence_of_its_own() -> None:

@@ -5,29 +5,19 @@ from typing import Any
 import numpy as np
 import pytest
 from example_scripts import run_example
+from exported_loops import a_model
 from hypothesis import given, settings
-from numpy.typing import NDArray
 from programs import library
 from random_models import Case, cases, drive
 
-from piezo_model import Compensator, HysteresisCreepModel, ModelStructure
+from piezo_model import Compensator, ModelStructure
 from piezo_model.operator_state import OperatorState
+from solvers.arrays import Vector
 
 control = library("control")
 from control_systems import compensator_system, initial_states, inverse_system, model_system  # noqa: E402
 
-Vector = NDArray[np.float64]
 SAMPLES = 60
-
-
-def a_model(seed: int = 0) -> HysteresisCreepModel:
-    structure = ModelStructure.equidistant(
-        n=5, m=3, x_range=(0.0, 150.0), y_range=(-20.0, 20.0), creep_rates=(100.0, 1.0), sample_time=1e-3
-    )
-    rng, v = np.random.default_rng(seed), np.zeros(structure.d)
-    H, S, K = structure.slices
-    v[H], v[S], v[K] = rng.uniform(0, 0.1, 5), rng.uniform(0.8, 1.2, 7), rng.uniform(0, 0.01, 6)
-    return HysteresisCreepModel.from_weights(structure, structure.slope_map @ v)
 
 
 def response(system: Any, u: Vector, z: Vector) -> Vector:

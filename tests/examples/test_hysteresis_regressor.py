@@ -9,18 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 from example_scripts import run_example
-from numpy.typing import NDArray
 from programs import library
 
 from piezo_model import ModelStructure, identify, plants
 from piezo_model.signals import multi_sine
+from solvers.arrays import Vector
 
 library("sklearn")
 from hysteresis_regressor import HysteresisRegressor  # noqa: E402
 from sklearn.model_selection import TimeSeriesSplit, cross_val_score  # noqa: E402
 from sklearn.utils.estimator_checks import check_array_api_input, parametrize_with_checks  # noqa: E402
 
-Vector = NDArray[np.float64]
 SAMPLE_TIME = 1e-3
 
 
@@ -39,19 +38,15 @@ def recording() -> tuple[Vector, Vector]:
 )
 def test_scikit_learn_finds_nothing_but_what_is_stated(estimator: Any, check: Any) -> None:
     if check.func is check_array_api_input:  # SciPy has to hear of it before it is imported
-        run_with_array_api(pickle.dumps((check, estimator)))
+        program = "import pickle, sys; check, estimator = pickle.load(sys.stdin.buffer); check(estimator)"
+        subprocess.run(
+            [sys.executable, "-c", program],
+            input=pickle.dumps((check, estimator)),
+            env={**os.environ, "SCIPY_ARRAY_API": "1", "PYTHONPATH": os.pathsep.join(sys.path)},
+            check=True,
+        )
     else:
         check(estimator)
-
-
-def run_with_array_api(pickled: bytes) -> None:
-    program = "import pickle, sys; check, estimator = pickle.load(sys.stdin.buffer); check(estimator)"
-    subprocess.run(
-        [sys.executable, "-c", program],
-        input=pickled,
-        env={**os.environ, "SCIPY_ARRAY_API": "1", "PYTHONPATH": os.pathsep.join(sys.path)},
-        check=True,
-    )
 
 
 def test_run_alone_it_finds_the_larger_model_better() -> None:

@@ -90,21 +90,6 @@ def strided_and_locked(array: Matrix | Vector) -> Any:
     return view
 
 
-def opposed_rows() -> Problem:
-    """A program whose rows contradict each other: no x is at most −1 and at least 1."""
-    eye = np.eye(3)
-    return Problem(eye, np.ones(3), G=np.vstack([eye[:1], -eye[:1]]), h=np.array([-1.0, -1.0]), lb=np.full(3, -5.0))
-
-
-def check_nothing_found(solver: Solver) -> None:
-    """Assert that a solver says that it found no answer, and returns what its library returned, or NaN."""
-    x = solver.solve()
-    solution = solver.solution()
-    assert solution.found is False
-    assert solution.extras["status"]
-    np.testing.assert_array_equal(x, np.full(x.shape, np.nan) if solution.x is None else solution.x)
-
-
 FINER = {
     "highspy": {"qp_regularization_value": 1e-3},
     "highs": {"qp_regularization_value": 1e-3},

@@ -98,36 +98,6 @@ SENTENCES = {
 """What a refusal says, by the words of its case."""
 
 
-@each_solver
-def test_a_solver_refuses_copies_in_one_sentence_and_has_no_answer_before_a_solve_of_the_present_data(
-    entry: Entry,
-) -> None:
-    run(keep_the_promises, entry)
-
-
-@pytest.mark.filterwarnings("ignore::UserWarning")  # of qpsolvers and cvxpy, and true
-@each_solver
-def test_wrong_data_and_starts_are_refused_before_a_library_sees_them_and_leave_a_solver_as_it_was_or_not_ready(
-    entry: Entry,
-) -> None:
-    run(refuse_what_is_wrong, entry)
-
-
-@each_solver
-def test_a_solver_in_use_is_refused_to_a_second_thread_and_each_answer_is_right(entry: Entry) -> None:
-    run(share_with_threads, entry)
-
-
-def run(promises: Callable[[str, str], None], entry: Entry) -> None:
-    solver_class(entry)
-    if entry.name not in COMMERCIAL:
-        promises(entry.name, entry.lane)
-        return
-    words = [sys.executable, "-c", f"import sys, test_contract as t; t.{promises.__name__}(*sys.argv[1:])"]
-    paths = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    subprocess.run([*words, entry.name, entry.lane], env=paths, check=True, timeout=120)
-
-
 def keep_the_promises(name: str, lane: str) -> None:
     solver = solvers.find(name, Lane(lane)).load()()
     refuse_copies(solver)
@@ -244,6 +214,32 @@ def faults(solver: Solver, refused: Callable[[Solver], object], said: str, of_se
         else:
             if x is not None and not np.allclose(x, ANSWERS[which], atol=0.05):
                 yield f"then {name}: {x} for {ANSWERS[which]}"
+
+
+@pytest.mark.parametrize(
+    "promises",
+    [
+        pytest.param(
+            keep_the_promises,
+            id="it refuses copies in one sentence and has no answer before a solve of the present data",
+        ),
+        pytest.param(
+            refuse_what_is_wrong,
+            id="it refuses wrong data and starts before a library sees them and is as it was or not ready",
+            marks=pytest.mark.filterwarnings("ignore::UserWarning"),  # of qpsolvers and cvxpy, and true
+        ),
+        pytest.param(share_with_threads, id="in use it is refused to a second thread and each answer is right"),
+    ],
+)
+@each_solver
+def test_a_solver_keeps_its_contract(entry: Entry, promises: Callable[[str, str], None]) -> None:
+    solver_class(entry)
+    if entry.name not in COMMERCIAL:
+        promises(entry.name, entry.lane)
+        return
+    words = [sys.executable, "-c", f"import sys, test_contract as t; t.{promises.__name__}(*sys.argv[1:])"]
+    paths = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    subprocess.run([*words, entry.name, entry.lane], env=paths, check=True, timeout=120)
 
 
 REMOVED: dict[str, tuple[Any, str, Any, dict[str, Any]]] = {

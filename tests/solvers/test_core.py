@@ -46,10 +46,7 @@ def compiled(folder, text, *options, compiler="gcc"):
     source = folder / "check.c"
     source.write_text(text, encoding="utf-8")
     target = folder / "check"
-    done = subprocess.run(
-        [program(compiler), f"-I{FOLDER}", *options, str(source), "-o", str(target)], capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stderr
+    subprocess.run([program(compiler), f"-I{FOLDER}", *options, str(source), "-o", str(target)], check=True)
     return target
 
 

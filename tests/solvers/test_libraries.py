@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from answered_pairs import FORMS, arrays, asking, check_nothing_found, opposed_rows, pair, strided_and_locked
+from answered_pairs import FORMS, arrays, asking, pair, strided_and_locked
 from programs import solver_class
 from qpsolvers import Problem
 from scipy.sparse import csc_matrix, csr_matrix
@@ -288,7 +288,14 @@ def test_sparse_matrices_have_the_answer_of_dense_ones(lane: Lane, name: str) ->
 @pytest.mark.filterwarnings("ignore::UserWarning")  # of qpsolvers and cvxpy, and true
 @pytest.mark.parametrize(("lane", "name"), parts(case for case in ALL if "rows" in stated(*case).forms))
 def test_rows_that_contradict_each_other_are_never_called_found(lane: Lane, name: str) -> None:
-    check_nothing_found(ready(lane, name, opposed_rows()))
+    eye = np.eye(3)
+    rows = {"G": np.vstack([eye[:1], -eye[:1]]), "h": np.array([-1.0, -1.0])}  # no x is at most −1 and at least 1
+    solver = ready(lane, name, Problem(eye, np.ones(3), **rows, lb=np.full(3, -5.0)))
+    x = solver.solve()
+    solution = solver.solution()
+    assert solution.found is False
+    assert solution.extras["status"]
+    np.testing.assert_array_equal(x, np.full(x.shape, np.nan) if solution.x is None else solution.x)
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")  # of qpsolvers and cvxpy, and true
