@@ -131,8 +131,8 @@ def test_a_run_has_the_sentinels_samples_and_its_disturbances(clean_race: Race) 
 
 
 @pytest.fixture
-def holder(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
-    """A process that holds a core, with other folders for temporary files and home than ours."""
+def holder(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], int]]:
+    """A process that holds a core, and the core's number, with other folders for temporary files and home than ours."""
     process = subprocess.Popen(
         [sys.executable, "-c", HOLD],
         stdin=subprocess.PIPE,
@@ -141,14 +141,14 @@ def holder(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
         env={**os.environ, "TMPDIR": str(tmp_path), "HOME": str(tmp_path), "XDG_RUNTIME_DIR": str(tmp_path)},
     )
     with process:
-        yield process
+        yield process, int(process.stdout.readline())
         process.kill()
 
 
 def test_a_process_that_waits_for_a_core_says_which_process_holds_it_and_goes_on_when_that_is_killed(
-    holder: subprocess.Popen[str],
+    holder: tuple[subprocess.Popen[str], int],
 ) -> None:
-    theirs = int(holder.stdout.readline())
+    process, theirs = holder
     with subprocess.Popen(
         [sys.executable, "-c", f"import os; os.sched_setaffinity(0, {{{theirs}}}); {HOLD}"],
         stdin=subprocess.PIPE,
@@ -157,21 +157,21 @@ def test_a_process_that_waits_for_a_core_says_which_process_holds_it_and_goes_on
         text=True,
     ) as waiting:
         told = waiting.stderr.readline()
-        assert told.startswith(f"waiting for a free core: core {theirs} is held by process {holder.pid} ('")
+        assert told.startswith(f"waiting for a free core: core {theirs} is held by process {process.pid} ('")
         assert HOLD in told
-        holder.kill()
+        process.kill()
         assert int(waiting.stdout.readline()) == theirs
         waiting.communicate("\n")
 
 
 def test_a_core_is_held_by_one_process_of_the_machine_at_a_time_and_free_when_that_is_killed(
-    holder: subprocess.Popen[str],
+    holder: tuple[subprocess.Popen[str], int],
 ) -> None:
-    theirs, usable = int(holder.stdout.readline()), cores.usable()
+    (process, theirs), usable = holder, cores.usable()
     if len(usable) > 1:
         with cores.claim() as core:
             assert core.number != theirs
-    holder.kill()
+    process.kill()
     os.sched_setaffinity(0, {theirs})  # other tests may race at the same time: we wait for this one
     try:
         with cores.claim() as core:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import time
 from pathlib import Path
@@ -92,9 +93,7 @@ def test_a_fleet_of_refused_recordings_has_a_table_of_reasons(piezobench: Comman
 
 @pytest.mark.slow
 def test_finished_work_is_kept_unless_settings_or_content_change(recordings: list[Path], tmp_path: Path) -> None:
-    chosen = [tmp_path / path.name for path in recordings[:2]]
-    for source, path in zip(recordings, chosen, strict=False):
-        path.write_bytes(source.read_bytes())
+    chosen = [Path(shutil.copy(path, tmp_path)) for path in recordings[:2]]
 
     def written(work: Identifying) -> list[int]:
         """Indices of the models that were written."""
@@ -143,9 +142,7 @@ def kept_files(folder: Path) -> dict[str, bytes]:
 def test_a_repeated_fleet_deletes_no_model_of_a_recording_that_is_gone_and_names_it_as_not_of_this_run(
     piezobench: CommandLine, recordings: list[Path], tmp_path: Path
 ) -> None:
-    chosen = [tmp_path / path.name for path in recordings[:3]]
-    for source, path in zip(recordings, chosen, strict=False):
-        path.write_bytes(source.read_bytes())
+    chosen = [Path(shutil.copy(path, tmp_path)) for path in recordings[:3]]
     out = tmp_path / "models"
     words = ("--out-dir", out, "--n", 2, "--m", 0, "--rates", "none")
     out.mkdir()
@@ -252,8 +249,7 @@ def test_each_recording_is_judged_and_each_reference_followed_by_the_model_of_it
     piezobench: CommandLine, recordings: list[Path], tmp_path: Path, serial: tuple[Path, Finished]
 ) -> None:
     models, chosen = serial[0], recordings[:2]
-    stranger = tmp_path / "stranger.csv"
-    stranger.write_bytes(recordings[0].read_bytes())
+    stranger = shutil.copy(recordings[0], tmp_path / "stranger.csv")
     call = piezobench("validate", models, *chosen, stranger, "--out-dir", tmp_path / "judged")
     assert "1 of 3 recordings is refused" in call.refusal
     own = "Judged on the recording that the model was fitted to, which says little about others: 2."

@@ -21,10 +21,10 @@ from solvers.registry import OURS
 
 def tables(text: str) -> list[list[list[str]]]:
     """The tables of a Markdown text as rows of cells, headings first; a backslash does not hide a bar here."""
-    found = []
-    for block in re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE):
-        found.append([[cell.strip() for cell in line.strip("|").split("|")] for line in block.splitlines()])
-    return found
+    return [
+        [[cell.strip() for cell in line.strip("|").split("|")] for line in block.splitlines()]
+        for block in re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE)
+    ]
 
 
 @pytest.fixture(scope="module")
