@@ -21,9 +21,9 @@ from piezo_model.recordings import Recording
 from piezo_model.units import percent, quantity
 from solvers.arrays import Vector
 
-NO_BETTER, UNDERSAMPLED, LOOPS = 0.6, 0.5, 0.99
+NO_BETTER, IGNORED, UNDERSAMPLED, LOOPS = 0.6, 0.92, 0.5, 0.99
 """Largest ratio of a model's error to the line's at which the model is better (it explains two thirds of the squares),
-that for an undersampled drive, and that at which there are loops in white noise."""
+that if dynamics are ignored on purpose, that for an undersampled drive, and that at which there are loops in noise."""
 FLOOR, WHITE, FOLLOWS = 1e-9, 0.4, 0.75
 """Error at the level of rounding, as a share of the range; largest correlation of neighbouring samples in noise;
 largest ratio of the line's error to the output's deviation at which the output follows the drive."""
@@ -49,7 +49,7 @@ class Adequacy:
     """What the recording shows of faults of the bench, in sentences."""
 
 
-def check_adequacy(recording: Recording, fitted: ForwardFit, skip: int, fit: Fit) -> Adequacy:
+def check_adequacy(recording: Recording, fitted: ForwardFit, skip: int, fit: Fit, dynamics_ignored: bool) -> Adequacy:
     """Compare a fit with a line, and look for faults, beside which a butterfly has no name."""
     s, counted = fitted.structure, slice(skip, HEAD + first_motion(recording, skip))
     y_model = s.y_centre + s.y_scale * fitted.y_model
@@ -70,7 +70,8 @@ def check_adequacy(recording: Recording, fitted: ForwardFit, skip: int, fit: Fit
         and not (noise and error > LOOPS * line),
         "the output falls and rises again on one way of the drive, as the butterfly of a strain over a field, "
         "or as an output that is late": not (follows or faults) and error > POOR and roughness(v) < ROUGH,
-        "the model class does not describe these data": not noise and error > NO_BETTER * line,
+        "the model class does not describe these data": not noise
+        and error > (IGNORED if dynamics_ignored else NO_BETTER) * line,
     }
     refusal = outlier(recording, counted, s.output_unit)
     if refusal is None and any(reasons.values()):

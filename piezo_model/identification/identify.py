@@ -324,18 +324,18 @@ class Fitting:
 
     def judged(self, final: Final) -> tuple[Adequacy, Fit]:
         """Whether the fit is adequate, and its errors; of several recordings, whether it is for each."""
-        fit, skip, s = final.fit, self.prepared.skip, final.fit.structure
-        recording = self.together.levelled(fit) if self.together else self.recording
+        fit, s, ignored = final.fit, final.fit.structure, self.options.dynamics == "ignore"
+        skip, recording = self.prepared.skip, self.together.levelled(fit) if self.together else self.recording
         modelled = s.y_centre + s.y_scale * fit.y_model
         steady = recording if final.drift is None else replace(recording, y=modelled + s.y_scale * fit.error)
         found, judged = (fit_of(each, s, each.y - modelled, skip, self.span) for each in (recording, steady))
         if isinstance(steady, Recordings):
-            each = [(one.name, check_adequacy(one, own, 0, errors)) for one, own, errors in apart(steady, fit)]
+            each = [(one.name, check_adequacy(one, own, 0, errors, ignored)) for one, own, errors in apart(steady, fit)]
             name, verdict = min(each, key=lambda of: (of[1].refusal is None, of[1].straight))
             faults = [f"{name}: {fault}" for name, one in each for fault in one.faults]
             verdict = replace(verdict, refusal=verdict.refusal and f"{name}: {verdict.refusal}", faults=faults)
         else:
-            verdict = check_adequacy(steady, fit, skip, judged)
+            verdict = check_adequacy(steady, fit, skip, judged, ignored)
         refusal = None if self.separated.finding is None else self.separated.finding.refusal
         return replace(verdict, refusal=refusal or verdict.refusal), found
 
