@@ -57,6 +57,11 @@ class Fitted:
     others: tuple[str, ...] = ()
     """Digests of the other recordings, of several."""
 
+    @property
+    def digests(self) -> tuple[str, ...]:
+        """Those of all recordings."""
+        return self.recording, *self.others
+
 
 class ModelFile(json_file.Versioned):
     """The content of :meth:`HysteresisCreepModel.to_dict`."""

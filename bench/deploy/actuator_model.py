@@ -110,8 +110,11 @@ def _validated(run: Run, found: ChosenModel) -> ChosenModel:
             f"fifth of the recording, and one of the first four fifths {known:.3g} %; leave out --model and --problem "
             "to take the run's"
         )
-    of_fitted = found.certificate.get("problem_of_run", "").startswith(f"{Recorded.name}/")
-    last_fifth = HELD_OUT if of_fitted else note["digests"].get(getattr(found.model.fitted, "recording", ""), UNKNOWN)
+    of_fitted, fitted = found.certificate.get("problem_of_run", "").startswith(f"{Recorded.name}/"), found.model.fitted
+    kinds = (
+        [HELD_OUT] if of_fitted else [note["digests"].get(one, UNKNOWN) for one in (fitted.digests if fitted else ())]
+    )
+    last_fifth = min(kinds, key=(FITTED, UNKNOWN, HELD_OUT).index, default=UNKNOWN)  # the worst of its recordings
     return replace(found, error_percent=error, last_fifth=last_fifth)
 
 

@@ -126,7 +126,7 @@ def start_and_transient(model: piezo_model.HysteresisCreepModel, recording: Reco
     """The states before the first sample of each part of a recording with which a model, and a constant added to it,
     err least, and the number of samples in a transient; those of the identification for its own recording."""
     s, solving = model.structure, Solving()
-    if model.fitted is not None and was_fitted_to(model, recording) and len(model.starts) == len(recording.starts):
+    if model.fitted is not None and len(model.starts) == len(recording.starts) and was_fitted_to(model, recording):
         return model.starts, model.fitted.skipped
     v, sweeps = s.inverse_slope_map @ model.weights, list(recording.in_units(s.input_unit, s.output_unit).sweeps())
     states, skips = zip(*(_start_and_transient(model, sweep, v, solving) for sweep in sweeps), strict=True)
@@ -135,8 +135,8 @@ def start_and_transient(model: piezo_model.HysteresisCreepModel, recording: Reco
 
 def was_fitted_to(model: piezo_model.HysteresisCreepModel, recording: Recording) -> bool:
     """Whether a model was fitted to exactly these samples."""
-    fitted, digest = model.fitted, recording.digest()
-    return fitted is not None and fitted.skipped < recording.length and digest in (fitted.recording, *fitted.others)
+    fitted = model.fitted
+    return fitted is not None and fitted.skipped < recording.length and recording.digest() in fitted.digests
 
 
 def _start_and_transient(
