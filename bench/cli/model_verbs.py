@@ -123,7 +123,6 @@ def identify_verb(
         several.append(Recording.open(place, **job.opening))
         if not as_json:
             console.print(several[-1].describe())
-    opened = several[0]
     with progress_bar() as progress:
         model = job.of(several, progress)
     model.save(out)
@@ -132,7 +131,7 @@ def identify_verb(
             progress("writing the page", 0, 1)
             from bench.report import recording_page  # plots take a second to import
 
-            recording_page.write(page, Path(opened.name).name, review(opened, model))
+            recording_page.write(page, Path(several[0].name).name, review(several[0], model))
     selection = model.report.get("selection")
     candidates = [
         (

@@ -162,6 +162,11 @@ class ForwardFit(Trial):
         return self.structure.slope_map @ self.v
 
     @property
+    def rms(self) -> float:
+        """Root of the cost, output unit."""
+        return abs(self.structure.y_scale) * math.sqrt(self.cost)
+
+    @property
     def parts(self) -> list[slice]:
         """The samples of each part."""
         return self.recording.parts
@@ -169,8 +174,8 @@ class ForwardFit(Trial):
     @property
     def errors(self) -> list[Vector]:
         """Errors of the counted samples of each part, in normalised units; their mean square is the cost."""
-        weights = _sample_weights(self.recording, self.counted)
-        scaled = self.error if weights is None else self.error * np.sqrt(weights)
+        scale = _error_scale(self.recording, self.counted)
+        scaled = self.error if scale is None else self.error * scale
         return [scaled[part][self.counted[part]] for part in self.parts]
 
     @cached_property
@@ -236,13 +241,13 @@ def _by_parts(
     return np.concatenate([respond(T, signal[part], state) for T, part, state in parts])
 
 
-def _sample_weights(recording: Recording, counted: Mask) -> Vector | None:
-    """Weights (N,) of the samples, 1 in the mean over those counted; None where they are equal."""
+def _error_scale(recording: Recording, counted: Mask) -> Vector | None:
+    """Square roots (N,) of the samples' weights, which are 1 in the mean over those counted; None if they are equal."""
     if len(set(recording.part_weights)) == 1:
         return None
     lengths = [part.stop - part.start for part in recording.parts]
     weights = np.repeat(recording.part_weights, lengths)
-    return np.asarray(weights / weights[counted].mean())
+    return np.asarray(np.sqrt(weights / weights[counted].mean()))
 
 
 def fit_forward(
@@ -295,8 +300,7 @@ def fit_forward(
         box.low[:d] = box.high[:d] = v
     theta, with_lag = (np.zeros(0), False) if parameters is None else (parameters.vector, parameters.with_lag)
     z = np.concatenate([v, *(initial_slopes(s, states[part]) for part in free_parts), np.zeros(k), theta])
-    unit_y, sample_weights = s.unit_output(recording.y), _sample_weights(recording, counted)
-    root = 1.0 if sample_weights is None else np.sqrt(sample_weights)
+    unit_y, scale = s.unit_output(recording.y), _error_scale(recording, counted)
 
     def trial(z: Vector, static: Vector | None = None) -> Trial:
         """The trial of the point of the box next to z; the output before the dynamics may be known."""
@@ -317,7 +321,7 @@ def fit_forward(
             behind = _by_parts(recording, before, begun, lambda T, *drive: behind_dynamics(*models[T], *drive))
             y_model = s.unit_output(behind)
         error = unit_y - y_model - further.signals @ z[d + n : d + n + k]
-        own = error if sample_weights is None else error * root
+        own = error if scale is None else error * scale
         own = own if counted.all() else own[counted]
         return Trial(z, begun, g, static, y_model, error, float(own @ own) / own.size + EXACT)
 

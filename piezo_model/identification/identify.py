@@ -328,14 +328,15 @@ class Fitting:
         skip, recording = self.prepared.skip, self.together.levelled(fit) if self.together else self.recording
         modelled = s.y_centre + s.y_scale * fit.y_model
         steady = recording if final.drift is None else replace(recording, y=modelled + s.y_scale * fit.error)
-        found, judged = (fit_of(each, s, each.y - modelled, skip, self.span) for each in (recording, steady))
+        found = fit_of(recording, s, recording.y - modelled, skip, self.span)
         if isinstance(steady, Recordings):
             each = [(one.name, check_adequacy(one, own, 0, errors, ignored)) for one, own, errors in apart(steady, fit)]
             name, verdict = min(each, key=lambda of: (of[1].refusal is None, of[1].straight))
             faults = [f"{name}: {fault}" for name, one in each for fault in one.faults]
             verdict = replace(verdict, refusal=verdict.refusal and f"{name}: {verdict.refusal}", faults=faults)
         else:
-            verdict = check_adequacy(steady, fit, skip, judged, ignored)
+            beside_drift = found if final.drift is None else fit_of(steady, s, steady.y - modelled, skip, self.span)
+            verdict = check_adequacy(steady, fit, skip, beside_drift, ignored)
         refusal = None if self.separated.finding is None else self.separated.finding.refusal
         return replace(verdict, refusal=refusal or verdict.refusal), found
 
@@ -387,7 +388,7 @@ def _reported(
         found = fit_of(recording, s, errors, prepared.skip, fitting.span)
     known = options.estimator == "forward" and not straight
     starts = zip(recording.starts, prepared.starts, fit.states, strict=True)
-    per_s, error = 2.0 * s.y_scale / recording.duration_s, abs(s.y_scale) * math.sqrt(fit.cost)
+    per_s = 2.0 * s.y_scale / recording.duration_s
     report = FitReport(
         estimator=options.estimator,
         solving=solving,
@@ -405,7 +406,7 @@ def _reported(
         creep_chosen=options.chooses_creep,
         drift=None
         if final.drift is None
-        else Drift(per_s * float(fit.further[-1]), abs(per_s) * final.drift.se, percent_of(fitting.span, error)),
+        else Drift(per_s * float(fit.further[-1]), abs(per_s) * final.drift.se, percent_of(fitting.span, fit.rms)),
         selection=selection,
         intervals=intervals(fit) if known else None,
         figures=figures_of(model),

@@ -47,11 +47,6 @@ class Alone:
     fit: ForwardFit
 
     @property
-    def error(self) -> float:
-        """RMS error of the fit, output unit."""
-        return abs(self.fit.structure.y_scale) * math.sqrt(self.fit.cost)
-
-    @property
     def sentence(self) -> str:
         """What the drive determines."""
         drive = drive_of(self.recording, self.view.prepared.skip, self.evidence)
@@ -79,8 +74,7 @@ class Together:
     def members(self, fit: ForwardFit) -> Iterator[dict[str, Any]]:
         """For the report, of each recording after a fit of all, its errors beside a drift and its drive."""
         for alone, (one, own, found) in zip(self.alone, apart(self.levelled(fit), fit), strict=True):
-            errors = [abs(own.structure.y_scale) * math.sqrt(own.cost), alone.error]
-            rms_percent, alone_percent = (percent_of(found.span, error) for error in errors)
+            rms_percent, alone_percent = (percent_of(found.span, each.rms) for each in (own, alone.fit))
             yield {
                 "name": one.name,
                 "sample_time_s": one.sample_time,
@@ -138,7 +132,7 @@ def together(
     signs = {s.negative_gain: one.name for one, s in zip(recordings, structures, strict=True)}
     if len(signs) > 1:
         raise IdentificationError(f"the output rises with the input in {signs[False]}, and falls in {signs[True]}")
-    weights = [1.0 / (np.count_nonzero(~each.recording.uncounted) * each.error**2) for each in alone]
+    weights = [1.0 / (np.count_nonzero(~each.recording.uncounted) * each.fit.rms**2) for each in alone]
     whole = Recordings.together([each.recording for each in alone], weights)
     x, y = (np.concatenate([getattr(each.view.static, name) for each in alone]) for name in ("x", "y"))
     static = replace(whole, x=x, y=y)
@@ -146,7 +140,6 @@ def together(
     free = np.full(len(recordings) - 1, np.inf)
     levels = Columns(columns, -free, free)
     states, s = [state for each in alone for state in each.view.prepared.fit.states], _over_all(structures)
-    s = replace(s, sample_time=first.sample_time)
     v = s.inverse_slope_map @ solving.optimum(accumulate(static, ~static.uncounted, s, states, solving))
     fit = fit_forward(static, ~static.uncounted, s, states, v, solving, searched=[True] * len(states), further=levels)
     prepared = InitialFit(s, 0, [SEARCHED] * len(states), fit)
@@ -155,11 +148,14 @@ def together(
 
 
 def _over_all(structures: Sequence[ModelStructure]) -> ModelStructure:
-    """A structure over the output ranges of all."""
-    s = structures[0]
+    """A structure over the output ranges of all, at the shortest sampling period."""
     low = min(one.y_centre - abs(one.y_scale) for one in structures)
     high = max(one.y_centre + abs(one.y_scale) for one in structures)
-    return replace(s, y_centre=0.5 * (low + high), y_scale=math.copysign(0.5 * (high - low), s.y_scale))
+    y_scale, shortest = (
+        math.copysign(0.5 * (high - low), structures[0].y_scale),
+        min(one.sample_time for one in structures),
+    )
+    return replace(structures[0], y_centre=0.5 * (low + high), y_scale=y_scale, sample_time=shortest)
 
 
 def _creep(
