@@ -63,8 +63,6 @@ LEARNER = (
     "sweep.h",
     "symmetric.h",
     *(f"box_{part}.c" for part in ("data", "dual", "inverse", "proximal")),
-    "eigenvalue.h",
-    "eigenvalue.c",
     "descent.h",
     "descent.c",
     "acceleration.c",

@@ -11,12 +11,12 @@
  */
 #include "descent.h"
 
-#include "eigenvalue.h"
 #include "product.h"
 #include "symmetric.h"
 
 enum { VECTORS = 12, LOOK_EVERY = 16 };
 #define WITHOUT_TOLERANCE ((real)1e-9)
+#define APART ((real)1e-3)            /* of lambda_max from its bound, relative: a step length needs no more */
 #define INDEFINITE_SHARE ((real)1e-9) /* largest |negative eigenvalue| due to rounding, relative to lambda_max */
 
 int64_t descent_bytes(int d) { return HEAD_BYTES + (int64_t)padded(d) * (VECTORS + 2 * d) * (int64_t)sizeof(real); }
@@ -50,6 +50,54 @@ int descent_setup(void *memory, int d, const real *lb, const real *ub)
     return OK;
 }
 
+/* Whether shift I + sign A is positive definite, A in `columns`: every pivot of its elimination is positive. */
+static int is_definite_with(const ProjectedGradient *s, real shift, real sign)
+{
+    const int d = s->d, ld = s->ld;
+    for (int i = 0; i < d * ld; i += LANES) {
+        store(s->copy + i, mul(splat(sign), load(s->columns + i)));
+    }
+    for (int j = 0; j < d; ++j) {
+        real *const row = s->copy + j * ld;
+        row[j] += shift;
+        if (!(row[j] > 0)) {
+            return 0;
+        }
+        for (int i = j + 1; i < d; ++i) {
+            const vec8 factor = splat(row[i] / row[j]);
+            for (int b = i / LANES * LANES; b < ld; b += LANES) { /* the upper triangle is enough */
+                store(s->copy + i * ld + b, sub_mul(load(s->copy + i * ld + b), factor, load(row + b)));
+            }
+        }
+    }
+    return 1;
+}
+
+/* An upper bound of the largest eigenvalue of A in `columns`, closer than a thousandth if that is positive, by
+ * bisection between the largest diagonal entry and the largest sum of |entries| of a row (Gershgorin): those x for
+ * which x I - A is positive definite are above it. Infinite if such a sum is. */
+static real largest_eigenvalue(const ProjectedGradient *s)
+{
+    real low = 0, high = 0;
+    for (int j = 0; j < s->d; ++j) {
+        const real *const row = s->columns + j * s->ld;
+        real sum = 0;
+        for (int i = 0; i < s->d; ++i) {
+            sum += MAGNITUDE(row[i]);
+        }
+        low = row[j] > low ? row[j] : low;
+        high = sum > high ? sum : high;
+    }
+    while (high - low > APART * high) {
+        const real middle = low + (high - low) / 2;
+        if (!(low < middle)) { /* there is no number between */
+            break;
+        }
+        *(is_definite_with(s, middle, -1) ? &high : &low) = middle;
+    }
+    return high;
+}
+
 int descent_set_data(ProjectedGradient *s, const real *P, const real *q, real ratio, int scaled)
 {
     const int d = s->d, ld = s->ld;
@@ -62,7 +110,6 @@ int descent_set_data(ProjectedGradient *s, const real *P, const real *q, real ra
         memcpy(s->q, q, (size_t)d * sizeof(real));
     }
     if (P != NULL) {
-        int below;
         for (int j = 0; j < d; ++j) {
             const real diagonal = P[j * d + j];
             s->D[j] = scaled && diagonal > 0 ? 1 / ROOT(diagonal) : 1;
@@ -72,8 +119,11 @@ int descent_set_data(ProjectedGradient *s, const real *P, const real *q, real ra
             return status;
         }
         memcpy(s->columns, s->copy, (size_t)d * (size_t)ld * sizeof(real));
-        const real largest = largest_eigenvalue(s->copy, ld, d, s->next, s->momentum, INDEFINITE_SHARE, &below);
-        if (below || largest < 0) {
+        const real largest = largest_eigenvalue(s);
+        if (!(largest < REAL_INFINITY)) {
+            return NOT_FINITE;
+        }
+        if (largest > 0 && !is_definite_with(s, INDEFINITE_SHARE * largest, 1)) {
             return INDEFINITE;
         }
         const real eta = largest > 0 ? 2 * ratio / largest : 1;
@@ -85,8 +135,6 @@ int descent_set_data(ProjectedGradient *s, const real *P, const real *q, real ra
             s->lower[j] = s->lb[j] / s->D[j];
             s->upper[j] = s->ub[j] / s->D[j];
         }
-        memset(s->next, 0, (size_t)ld * sizeof(real));
-        memset(s->momentum, 0, (size_t)ld * sizeof(real));
     }
     for (int j = 0; j < d; ++j) {
         s->shift[j] = -(real)s->head->eta * (s->q[j] * s->D[j]);

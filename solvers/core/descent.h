@@ -29,7 +29,7 @@ typedef struct {
     real *lower, *upper, *momentum; /* bounds divided by D; the point with momentum of the accelerated steps */
     real *D, *lb, *ub, *q, *answer; /* in the variables x */
     real *columns;                  /* of -eta D P D, d of ld numbers */
-    real *copy;                     /* of D P D, overwritten by the eigenvalue routine */
+    real *copy;                     /* of D P D, overwritten by eliminations */
 } ProjectedGradient;
 
 CORE_API int64_t descent_bytes(int d);

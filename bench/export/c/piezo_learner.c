@@ -17,7 +17,6 @@
 #include "core/box_dual.c"
 #include "core/box_inverse.c"
 #include "core/box_proximal.c"
-#include "core/eigenvalue.c"
 
 #include "core/descent.c"
 #if PIEZO_LEARNING == PIEZO_ACCELERATED
