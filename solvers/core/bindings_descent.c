@@ -31,15 +31,6 @@ static int solve(void *solver, const double *start, double *x)
     return t->s->head->met ? OK : CAPPED;
 }
 
-static int all_finite(const double *x, int64_t size)
-{
-    double nothing = 0;
-    for (int64_t i = 0; i < size; ++i) {
-        nothing += x[i] - x[i]; /* NaN unless x is finite */
-    }
-    return nothing == 0;
-}
-
 /* Offsets of the parts that Python reads. */
 static void field_offsets(Arguments *a, const ProjectedGradient *s)
 {
@@ -59,7 +50,7 @@ static void field_offsets(Arguments *a, const ProjectedGradient *s)
     F(descent_set_data, "state@DSC1, P[d,d]?, q[d]?, ratio, scaled#0:1",                                               \
       "new data, None for data that stay; a status.", 0,                                                               \
       WHOLE_RESULT = descent_set_data(DESCENT, REALS(1), REALS(2), NUMBER(3), INT(4)))                                 \
-    F(all_finite, "x[n]", "whether each number is finite.", 0, WHOLE_RESULT = all_finite(REALS(0), LENGTH(n)))         \
+    F(all_finite, "x[n]", "whether each number is finite.", 0, WHOLE_RESULT = are_finite(REALS(0), LENGTH(n)))         \
     F(descent_start, "state@DSC1, x[d]?", "begin at x, at 0 for None.", 0, descent_start(DESCENT, REALS(1)))           \
     F(descent_answer, "state@DSC1", "write the answer.", 0, descent_answer(DESCENT))                                   \
     F(projected_steps, "state@DSC1, steps#0:, tolerance", "take steps; their number.", WHOLE(1) > 100,                 \

@@ -41,18 +41,6 @@ Box box_at(void *memory)
     return s;
 }
 
-static int set_bounds(Box *s, const real *lb, const real *ub)
-{
-    for (int j = 0; j < s->d; ++j) {
-        s->lb[j] = lb[j];
-        s->ub[j] = ub[j];
-        if (!(lb[j] <= ub[j] && lb[j] < REAL_INFINITY && ub[j] > -REAL_INFINITY)) {
-            return lb[j] == lb[j] && ub[j] == ub[j] ? CROSSED : NOT_FINITE;
-        }
-    }
-    return OK;
-}
-
 int box_setup(void *memory, int d, const real *lb, const real *ub)
 {
     new_state(memory, BOX_KIND, d, vector_bytes(padded(d), BOX_CLEARED));
@@ -69,7 +57,9 @@ int box_setup(void *memory, int d, const real *lb, const real *ub)
         memset(last, 0, (size_t)s.ld * sizeof(real));
         last[d] = 1;
     }
-    return s.head->of_bounds = set_bounds(&s, lb, ub);
+    memcpy(s.lb, lb, (size_t)d * sizeof(real));
+    memcpy(s.ub, ub, (size_t)d * sizeof(real));
+    return s.head->of_bounds = status_of_bounds(d, lb, ub);
 }
 
 /* 2^-floor(e / 2) for v = m 2^e > 0 with m in [1/2, 1). */
@@ -158,13 +148,8 @@ static int set_hessian(Box *s, const real *P)
 
 static int set_linear(Box *s, const real *q)
 {
-    vec8 nothing = zeros();
     memcpy(s->raw_q, q, (size_t)s->d * sizeof(real));
-    for (int j = 0; j < s->ld; j += LANES) {
-        const vec8 raw = load(s->raw_q + j);
-        nothing = add(nothing, sub(raw, raw)); /* NaN if q is not finite */
-    }
-    return sum8(nothing) == 0 ? OK : NOT_FINITE;
+    return are_finite(s->raw_q, s->ld) ? OK : NOT_FINITE;
 }
 
 int box_set_data(Box *s, const real *P, const real *q)
@@ -178,10 +163,8 @@ int box_set_data(Box *s, const real *P, const real *q)
 
 int box_start(Box *s, const real *x)
 {
-    for (int j = 0; j < s->d; ++j) {
-        if (!(MAGNITUDE(x[j]) < REAL_INFINITY)) {
-            return NOT_FINITE;
-        }
+    if (!are_finite(x, s->d)) {
+        return NOT_FINITE;
     }
     for (int j = 0; j < s->d; ++j) {
         s->answer[j] = x[j];

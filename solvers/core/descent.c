@@ -40,14 +40,11 @@ int descent_setup(void *memory, int d, const real *lb, const real *ub)
     const ProjectedGradient s = descent_at(memory);
     s.head->eta = 1;
     for (int j = 0; j < d; ++j) {
-        if (!(lb[j] <= ub[j] && lb[j] < REAL_INFINITY && ub[j] > -REAL_INFINITY)) {
-            return lb[j] == lb[j] && ub[j] == ub[j] ? CROSSED : NOT_FINITE;
-        }
         s.lb[j] = s.lower[j] = lb[j];
         s.ub[j] = s.upper[j] = ub[j];
         s.D[j] = 1;
     }
-    return OK;
+    return status_of_bounds(d, lb, ub);
 }
 
 /* Whether shift I + sign A is positive definite, A in `columns`: every pivot of its elimination is positive. */
@@ -102,10 +99,8 @@ int descent_set_data(ProjectedGradient *s, const real *P, const real *q, real ra
 {
     const int d = s->d, ld = s->ld;
     if (q != NULL) {
-        for (int j = 0; j < d; ++j) {
-            if (!(MAGNITUDE(q[j]) < REAL_INFINITY)) {
-                return NOT_FINITE;
-            }
+        if (!are_finite(q, d)) {
+            return NOT_FINITE;
         }
         memcpy(s->q, q, (size_t)d * sizeof(real));
     }
@@ -181,16 +176,9 @@ int64_t projected_steps(ProjectedGradient *s, int64_t steps, real tolerance)
     const real sought = tolerance >= 0 ? tolerance : WITHOUT_TOLERANCE;
     int64_t k = 0;
     int done = 0;
-    vec8 most = zeros(), square = zeros();
-    for (int j = 0; j < ld; j += LANES) {
-        most = maximum(magnitude(load(s->shift + j)), most);
-    }
-    const real unit = 1 / power_below(largest8(most));
-    for (int j = 0; j < ld; j += LANES) {
-        const vec8 shift = mul(load(s->shift + j), splat(unit));
-        square = plus_product(square, shift, shift);
-    }
-    const real threshold = sought * sought * sum8(square);
+    memset(s->next, 0, (size_t)ld * sizeof(real));
+    const real unit = 1 / power_below(largest_entry(s->shift, ld));
+    const real threshold = sought * sought * distance_squared(s->shift, s->next, unit, ld);
     while (k < steps && !done) {
         const int look = k == steps - 1 || (tolerance >= 0 && k % LOOK_EVERY == LOOK_EVERY - 1);
         affine(s->columns, ld, d, s->w, s->carry, s->next);

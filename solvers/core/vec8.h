@@ -322,6 +322,27 @@ CORE_INLINE real largest8(vec8 a)
 #undef LARGER
 #undef FOLD
 
+/* The largest |entry| of a vector of ld entries. */
+CORE_INLINE real largest_entry(const real *a, int ld)
+{
+    vec8 most = zeros();
+    for (int b = 0; b < ld; b += LANES) {
+        most = maximum(most, magnitude(load(a + b)));
+    }
+    return largest8(most);
+}
+
+/* Whether no number is NaN or infinite, which differ from themselves by NaN. */
+CORE_INLINE int are_finite(const real *x, int64_t count)
+{
+    vec8 nothing = zeros();
+    for (int64_t b = 0; b < count; b += LANES) {
+        const vec8 some = b + LANES <= count ? load(x + b) : load_first(x + b, (int)(count - b));
+        nothing = add(nothing, sub(some, some));
+    }
+    return sum8(nothing) == 0;
+}
+
 /* The first lane that equals `number`, or 8. */
 CORE_INLINE int first_equal8(vec8 a, real number)
 {

@@ -17,10 +17,7 @@
 static int check(int64_t count, int64_t d, const double *P, const double *q)
 {
     int refused = 0;
-    for (int64_t i = 0; q != NULL && i < count * d; ++i) {
-        refused |= !(MAGNITUDE(q[i]) < REAL_INFINITY);
-    }
-    if (refused) {
+    if (q != NULL && !are_finite(q, count * d)) {
         return NOT_FINITE;
     }
     for (const double *M = P; M != NULL && !refused && M < P + count * d * d; M += d * d) {
