@@ -117,19 +117,15 @@ def test_data_without_an_answer_found_have_what_the_library_returned_in_their_ro
     np.testing.assert_array_equal(compiled.solve(), answers[1])
 
 
-def test_data_that_daqp_refuses_are_refused_in_the_loop_and_others_are_taken_after_another_setup() -> None:
+def test_data_that_daqp_refuses_are_refused_in_the_loop_with_its_flag_as_in_an_update() -> None:
     problem, P, q = programs("boxes", 6, 3)
     compiled, direct = both("daqp", problem, **tightest("daqp"))
     P[1] = -np.eye(6)
-    with pytest.raises(Unsupported, match="exit flag -5"):
-        direct.update(P[1], q[1])
-    with pytest.raises(Unsupported, match="exit flag -5"):
-        compiled.time_kernel(P, q)
-    for solver in (compiled, direct):
+    for solver, take, data in ((direct, direct.update, (P[1], q[1])), (compiled, compiled.time_kernel, (P, q))):
+        with pytest.raises(Unsupported, match="exit flag -5"):
+            take(*data)
         with pytest.raises(ValueError, match=r"daqp is not ready until the next good setup\(problem\)"):
             solver.update(P[2], q[2])
-        solver.setup(Problem(P[2], q[2], lb=problem.lb, ub=problem.ub))
-    np.testing.assert_array_equal(compiled.solve(), direct.solve())
 
 
 @pytest.mark.sample(2)
