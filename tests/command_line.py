@@ -150,9 +150,11 @@ def pacing(session: int) -> list[str]:
 
 
 def free_port() -> int:
-    """A port of this machine that nobody uses."""
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        return int(taken.getsockname()[1])
+    """A port of this machine that nobody uses, below those that the system itself gives to connections."""
+    while True:
+        port = 10_000 + int.from_bytes(os.urandom(4), "little") % 22_768
+        with suppress(OSError), socket.create_server(("127.0.0.1", port)):
+            return port
 
 
 def contents(folder: Path) -> dict[str, bytes]:

@@ -32,7 +32,7 @@ class Mine(Solver):
 
     def right(self, P, q):
         for _ in range(5):  # slow, so that there is something to hide
-            x = solve_problem(Problem(P, q, lb=self.lb, ub=self.ub), solver="daqp").x
+            x = solve_problem(Problem(P, q, lb=self.lb, ub=self.ub), solver="daqp", primal_tol=1e-11).x
         return x
 
     def solve(self, warm_start=None):

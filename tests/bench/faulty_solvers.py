@@ -21,13 +21,14 @@ class Mine(Solver):
     def setup(self, problem):
         self.problem = problem
         self.scaled = bool(np.allclose(np.diag(problem.P), 1.0))
-        self.answer = solve_problem(problem, solver="daqp").x
+        self.answer = solve_problem(problem, solver="daqp", primal_tol=1e-11).x
         if self.scaled:
             self.faulty_setup()
 
     def update(self, P=None, q=None):
         P = self.problem.P if P is None else P
-        self.answer = solve_problem(Problem(P, q, lb=self.problem.lb, ub=self.problem.ub), solver="daqp").x
+        problem = Problem(P, q, lb=self.problem.lb, ub=self.problem.ub)
+        self.answer = solve_problem(problem, solver="daqp", primal_tol=1e-11).x
         if self.scaled:
             self.faulty_update(P)
 

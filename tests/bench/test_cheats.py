@@ -102,7 +102,8 @@ def test_answers_kept_from_one_setting_are_of_no_use_at_another(cheats: Race) ->
 def test_the_judged_answers_of_an_honest_solver_are_those_that_were_timed(cheats: Race) -> None:
     gaps = cheats.rows.groupby("solver").timed_gap
     assert gaps.min()["honest"] >= 0.0
-    assert max(gaps.max()[["honest", "daqp"]]) <= 1e-6
+    assert gaps.max()["honest"] <= 1e-9
+    assert gaps.max()["daqp"] <= 1e-5  # some answers are outside the bounds by more than its tolerance of 1e-6
     assert np.isfinite(gaps.max()["stale"])
 
 
