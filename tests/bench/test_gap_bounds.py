@@ -93,8 +93,11 @@ def test_a_program_without_windows_keeps_every_bit_of_its_p() -> None:
     assert all(mixture(form, *fresh.draw(call)).qp.P.tobytes() == form.qp.P.tobytes() for call in range(100))
 
 
-def test_the_draw_of_all_data_is_made_again_from_its_seed() -> None:
-    form = drawn(5, 4, 10.0)
+def test_the_draw_of_all_data_is_made_again_from_its_seed_and_proofs_are_made_of_calls_at_random() -> None:
+    form, calls = drawn(5, 4, 10.0), np.arange(30)
     first = FreshData(form, 30)
+    orders = first.in_secret_order(calls), FreshData(form, 30).in_secret_order(calls)
+    assert {*orders[0]} == {*orders[1]} == {*calls}
+    assert orders[0] != orders[1]
     for mine, again in zip(first.block(0, 30), FreshData(form, 30, first.seed).block(0, 30), strict=True):
         assert np.array_equal(mine, again)

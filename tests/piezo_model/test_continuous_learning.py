@@ -108,7 +108,7 @@ def test_after_a_drop_out_the_learned_weights_are_kept(seconds: float) -> None:
     assert not any("begins anew" in event.message for event in learner.log) or seconds > 1.0
 
 
-def test_a_sensor_that_was_zeroed_anew_is_learned_anew() -> None:
+def test_a_sensor_that_was_zeroed_anew_is_learned_anew_and_first_for_as_long_as_the_memory_lasts() -> None:
     plant, learner, y_ref, before = learned(share=0.7)
 
     def shifted(x: np.ndarray) -> np.ndarray:
@@ -117,7 +117,10 @@ def test_a_sensor_that_was_zeroed_anew_is_learned_anew() -> None:
     learner.run(y_ref[:30], plant.run)  # into a step of the staircase
     learner.run(y_ref[30:60], shifted)
     assert error_of(learner, y_ref, shifted, plant, slice(-5000, None)) < 1.3 * before
-    assert any("learning begins anew" in event.message for event in learner.log)
+    *_, anew, hand_over = learner.log
+    assert "learning begins anew" in anew.message
+    assert hand_over.what == "hand-over"
+    assert hand_over.sample >= anew.sample + round(learner.settings.forgetting_time_s / T)
 
 
 def test_a_wrong_slope_outside_the_driven_range_is_corrected() -> None:
