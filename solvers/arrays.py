@@ -15,9 +15,13 @@ Mask = NDArray[np.bool_]
 
 
 def reals(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    """An argument as doubles in C order; ValueError if it is not made of real numbers."""
+    """An argument as doubles in C order, NaN where it is masked; ValueError if it is not made of real numbers."""
     try:
-        array = np.asarray(values)
+        array = np.asarray(
+            np.ma.filled(values.astype(float), np.nan)
+            if isinstance(values, np.ma.MaskedArray) and values.dtype.kind in "fiub"
+            else values
+        )
     except ValueError:  # lists of different lengths
         array = np.empty(0, dtype=object)
     if array.dtype.kind not in "fiub":

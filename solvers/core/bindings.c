@@ -50,16 +50,19 @@ static const char *take_whole(Arguments *a, PyObject *given, Value *value, const
     return at;
 }
 
+/* The mark of this machine's byte order, which SciPy writes before a type and NumPy does not. */
+#define NATIVE (__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__ ? '<' : '>')
+
 /* The buffer of an argument, whose entries must have one of `types` and this size. */
 static const Py_buffer *take_buffer(Arguments *a, PyObject *given, int flags, const char *types, Py_ssize_t itemsize)
 {
     Py_buffer *const view = &a->views[a->taken - 1];
     a->failed = PyObject_GetBuffer(given, view, flags | PyBUF_C_CONTIGUOUS | PyBUF_FORMAT) != 0;
+    const char *const type = a->failed || view->format == NULL ? "B" : view->format + (view->format[0] == NATIVE);
     if (!a->failed
-        && (view->format == NULL || view->format[0] == '\0' || strchr(types, view->format[0]) == NULL
-            || view->format[1] != '\0' || view->itemsize != itemsize)) {
-        FAIL(a, PyExc_TypeError, "%s: argument %d holds numbers of type %s, not %s", a->signature, a->taken,
-             view->format ? view->format : "B", types);
+        && (*type == '\0' || strchr(types, *type) == NULL || type[1] != '\0' || view->itemsize != itemsize)) {
+        FAIL(a, PyExc_TypeError, "%s: argument %d holds numbers of type %s, not %s", a->signature, a->taken, type,
+             types);
     }
     return a->failed ? NULL : view;
 }

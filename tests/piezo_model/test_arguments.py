@@ -170,6 +170,8 @@ RIGHT: dict[str, Callable[[Vector], Any]] = {
     "integers": lambda x: x.astype(np.int32),
     "every second of an array": lambda x: np.repeat(x, 2)[::2],
     "big-endian": lambda x: x.astype(">f8"),
+    "little-endian in so many words": lambda x: x.astype(x.dtype.newbyteorder("<")),
+    "masked nowhere": np.ma.masked_array,
     "read-only": lambda x: np.broadcast_to(x, x.shape),
 }
 

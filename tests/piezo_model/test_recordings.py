@@ -117,6 +117,7 @@ def test_arrays_are_copied() -> None:
         ([], [], 1e-3, "not empty"),
         ([1, np.nan, 3], [1, 2, 3], 1e-3, "arrays: input is missing in sample 1"),
         ([1, 2, 3, np.nan, np.nan], [1, 2, 3, 4, 5], 1e-3, "input is missing in sample 3"),
+        (np.ma.masked_equal([1, 2, 3, 4, 5], 2), [1, 2, 3, 4, 5], 1e-3, "input is missing in sample 1"),
         ([1, 2, 3, 4, 5], [*[np.nan] * 3, 4, 5], 1e-3, "in all 3 of 5 values are missing"),
         ([1, 2, 3], [1, 2, np.inf], 1e-3, "output is infinite in sample 2"),
         ([2, 2, 2], [1, 2, 3], 1e-3, "input is constant, all 3 values are 2"),
