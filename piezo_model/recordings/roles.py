@@ -215,10 +215,11 @@ def is_setpoint(column: Column) -> bool:
 
 
 def words_of(column: Column) -> set[str]:
-    """Words of a name without its unit; a letter counts only as the whole name: position_x is not an input."""
+    """Words of a name without its unit; a letter counts only as the whole name, since position_x is not an input, and
+    x, y and z only without a unit, with which they are the axes of a stage."""
     separated = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", column.stem)
     words = [word.casefold() for word in re.split(r"[\W_\d]+", separated) if word]
-    return {word for word in words if len(word) > 1 or len(words) == 1}
+    return {word for word in words if len(word) > 1 or (len(words) == 1 and not (column.unit and word in "xyz"))}
 
 
 def _find_time_by_name(search: _Search) -> None:

@@ -122,6 +122,8 @@ REFUSED: list[tuple[list[str], dict[str, Any], str]] = [
         ([header, "0,1,2", "1,2,3", "2,5,5"], {}, "cannot tell which column is the")
         for header in ("time_s,a,b", "time_s,voltage_1,voltage_2", "time_s,reference_um,voltage_V")
     ),
+    (["t,u,x_um,y_um", "0,1,2,9", "1,2,3,7", "2,5,5,8"], {}, "cannot tell which column is the output"),
+    (["t,x_V,y_V,x_um,y_um", "0,1,2,9,1", "1,2,3,7,2", "2,5,5,8,4"], {}, "the input and which the output"),
     (
         ["time_s,a,b", "0,1,2", "1,2,3", "2,5,5"],
         {},
