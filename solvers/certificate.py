@@ -29,7 +29,7 @@ from flint import fmpq
 from qpsolvers import Problem
 
 from solvers.checks import finite
-from solvers.exact.active_set import is_unique, nearest_feasible, optimum
+from solvers.exact.active_set import nearest_feasible_point, optimum, uniqueness
 from solvers.exact.linear_algebra import (
     WORK,
     NotCertified,
@@ -172,7 +172,7 @@ def certify(problem: Problem, x: Vector, *, work: float = WORK) -> Certificate:
         W, point = optimum(program, [program.positions[name] for name in data.guess(x)], budget)
     except Unbounded:
         # an empty feasible set can show a ray too: then this raises Infeasible
-        nearest_feasible(program, column(x), budget)
+        nearest_feasible_point(program, column(x), budget)
         raise
     _check_shift(program, factor, shift, point.x)
     names = [program.constraint(k) for k in W]
@@ -184,7 +184,7 @@ def certify(problem: Problem, x: Vector, *, work: float = WORK) -> Certificate:
         problem=data.fingerprint,
         **sets,
         convexity_shift=shift,
-        unique=definite or is_unique(program, point, Work(work)),
+        unique=definite or uniqueness(program, point, Work(work))[0],
         x=_rounded(point.x),
         value=str(value),
         value_rounded=nearest_double(value),
@@ -256,7 +256,7 @@ def verify(problem: Problem, certificate: Certificate) -> None:
     line("7 (answer)", certificate.value_rounded == nearest_double(value), "value_rounded is not the value rounded")
     line("7 (answer)", certificate.x == _rounded(point.x), "x is not x* rounded")
     if certificate.unique is not None:
-        unique = definite or is_unique(program, point, Work(math.inf))
+        unique = definite or uniqueness(program, point, Work(math.inf))[0]
         line("7 (answer)", certificate.unique == unique, f"the optimum is {'' if unique else 'not '}unique")
 
 
@@ -298,7 +298,7 @@ def exact_cost_gap(problem: Problem, certificate: Certificate, x: Vector, c: flo
     if not (data.h.size or data.b.size):
         feasible = column(np.clip(x, data.lb, data.ub))
     else:
-        feasible = nearest_feasible(program, given) if program.violated(given) else given
+        feasible = nearest_feasible_point(program, given)[1].x if program.violated(given) else given
     best, constant = fmpq(certificate.value), fmpq(*float(c).as_integer_ratio())
     gap = program.value(feasible) * factor - best
     if gap < 0:

@@ -17,8 +17,8 @@ from qpsolvers import Problem
 from solvers.arrays import Vector
 from solvers.certificate import Certificate, stored_point
 from solvers.checks import finite
-from solvers.exact.active_set import flat_direction, is_unique_by_rank, nearest_feasible_point
-from solvers.exact.linear_algebra import WORK, OutOfWork, Rational, RationalColumn, Work, column, nearest_double
+from solvers.exact.active_set import is_unique_by_rank, nearest_feasible_point, uniqueness
+from solvers.exact.linear_algebra import WORK, Rational, RationalColumn, Work, column, nearest_double
 from solvers.exact.problem import DoubleProblem, exact
 from solvers.exact.program import ExactProgram, Kind, Point
 
@@ -131,10 +131,7 @@ def _uniqueness(program: ExactProgram, point: Point, work: float) -> tuple[str, 
     """Whether x* is the only optimum, "yes" only where a rank shows it, and another optimum if there is one."""
     if is_unique_by_rank(program, point):
         return "yes", None
-    try:
-        direction = flat_direction(program, point, Work(work))
-    except OutOfWork:
-        direction = None
+    _, direction = uniqueness(program, point, Work(work))
     if direction is None:
         return "undecided", None
     rates = program.along(direction)

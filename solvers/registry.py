@@ -153,10 +153,9 @@ def entries() -> Iterator[Entry]:
     RegistrationError
         Another package registers a solver under an invalid name or one that is taken.
     """
-    taken = set()
-    for entry in _own_entries():
-        taken.add((entry.name, entry.lane))
-        yield entry
+    own = list(_own_entries())
+    yield from own
+    taken = {(entry.name, entry.lane) for entry in own}
     for registered in importlib.metadata.entry_points(group=GROUP):
         entry = _registered(registered)
         if (entry.name, entry.lane) in taken:

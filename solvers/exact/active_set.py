@@ -189,19 +189,6 @@ def nearest_feasible_point(
     return projection, optimum(projection, program.violated(x), work)[1]
 
 
-def nearest_feasible(program: ExactProgram, x: RationalColumn, work: Work | None = None) -> RationalColumn:
-    """The point of :func:`nearest_feasible_point`."""
-    return nearest_feasible_point(program, x, work)[1].x
-
-
-def is_unique(program: ExactProgram, point: Point, work: Work) -> bool | None:
-    """Whether the optimum at ``point`` is the only one, decided exactly; None if that takes more work than allowed."""
-    try:
-        return flat_direction(program, point, work) is None
-    except OutOfWork:
-        return None
-
-
 def _tight_rows(program: ExactProgram, point: Point) -> tuple[IntegerRows, IntegerRows]:
     """The rows of P and of the constraints that every optimum meets with equality, and those of the constraints that
     are tight at ``point`` with a multiplier of zero."""
@@ -219,9 +206,9 @@ def is_unique_by_rank(program: ExactProgram, point: Point) -> bool:
     return bool(fmpz_mat(_tight_rows(program, point)[0]).rank() == program.d)
 
 
-def flat_direction(program: ExactProgram, point: Point, work: Work) -> RationalColumn | None:
-    """A direction (d, 1) in which the optimum at ``point`` can be left for another one, or None if it is the only one;
-    raises OutOfWork.
+def uniqueness(program: ExactProgram, point: Point, work: Work) -> tuple[bool | None, RationalColumn | None]:
+    """Whether the optimum at ``point`` is the only one, decided exactly, None if that takes more work than allowed; and
+    a direction (d, 1) in which it can be left for another one.
 
     Another optimum lies along a direction p ≠ 0 with P p = 0 that keeps the equalities and the constraints of positive
     multiplier tight and does not break the other tight ones, aₖᵀp ≤ 0. No such direction exists if and only if all
@@ -229,16 +216,19 @@ def flat_direction(program: ExactProgram, point: Point, work: Work) -> RationalC
     """
     d, (tight, weak) = program.d, _tight_rows(program, point)
     if fmpz_mat(tight).rank() == d:
-        return None
+        return True, None
     rows = fmpz_mat(tight + weak)
     if rows.rank() < d:
         kernel, _ = rows.nullspace()
-        return fmpq_mat(fmpz_mat(d, 1, [kernel[i, 0] for i in range(d)]))
+        return False, fmpq_mat(fmpz_mat(d, 1, [kernel[i, 0] for i in range(d)]))
     total = [sum(entries, fmpz(0)) for entries in zip(*weak, strict=True)]
     cone = [Constraint(Kind.EQUALITY, i, fmpq(0), tuple(row)) for i, row in enumerate(tight)]
     cone += [Constraint(Kind.ROW, i, fmpq(0), tuple(row)) for i, row in enumerate(weak)]
     cone.append(Constraint(Kind.ROW, len(weak), fmpq(1), tuple(-entry for entry in total)))  # else the value is −∞
     no_curvature = [[fmpz(0)] * d for _ in range(d)]
     flat = ExactProgram(no_curvature, rational_column([fmpq(entry) for entry in total]), tuple(cone))
-    p = optimum(flat, [], work)[1].x
-    return None if flat.value(p) == 0 else p
+    try:
+        p = optimum(flat, [], work)[1].x
+    except OutOfWork:
+        return None, None
+    return (True, None) if flat.value(p) == 0 else (False, p)
