@@ -67,19 +67,14 @@ def solver(P, q, lb, ub, **settings_):
 
 
 @settings(max_examples=120, deadline=None)
-@given(seed=seeds, d=st.integers(1, 20), decades=st.floats(0, 12))
-def test_it_ends_at_the_exact_optimum_and_at_condition_numbers_up_to_1e12_within_1e_12_of_its_cost(seed, d, decades):
+@given(seed=seeds, d=st.integers(1, 20), decades=st.floats(0, 12), spread=st.sampled_from([0, 6]))
+def test_it_ends_at_the_exact_optimum_and_at_condition_numbers_up_to_1e12_within_1e_12_of_its_cost_at_any_scales(
+    seed, d, decades, spread
+):
     P, q, lb, ub = random_program(seed, d, decades)
-    assert relative_gap(P, q, lb, ub, solver(P, q, lb, ub).solve()) < (1e-18 if decades <= 7 else 1e-12)
-
-
-@quick
-@given(seed=seeds, d=st.integers(1, 9))
-def test_badly_scaled_variables_do_not_change_the_exactness(seed, d):
-    P, q, lb, ub = random_program(seed, d, 3)
-    scale = 10 ** np.random.default_rng(seed).uniform(-6, 6, d)
+    scale = 10 ** np.random.default_rng(seed).uniform(-spread, spread, d)
     P, q, lb, ub = P * np.outer(scale, scale), q * scale, lb / scale, ub / scale
-    assert relative_gap(P, q, lb, ub, solver(P, q, lb, ub).solve()) < 1e-18
+    assert relative_gap(P, q, lb, ub, solver(P, q, lb, ub).solve()) < (1e-18 if decades <= 7 else 1e-12)
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -248,6 +243,7 @@ def test_a_cap_of_exchanges_ends_at_a_feasible_point_from_which_warm_solves_reac
         x = s.solve()
         assert inside(x, lb, ub)
         extras = s.solution().extras
+        assert extras["exchanges"] <= cap
         if not extras["capped"]:
             break
         assert not s.solution().found

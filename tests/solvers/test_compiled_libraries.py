@@ -213,12 +213,12 @@ def ready(entry: Entry, **settings: Any) -> Solver:
 @each_kernel
 @pytest.mark.parametrize("warm", [False, True])
 @pytest.mark.parametrize("fixed", [False, True])
-def test_a_loop_answers_each_of_its_data_of_any_stride_as_an_update_and_a_solve_from_python_do(
+def test_a_loop_answers_each_of_its_data_of_any_stride_as_calls_from_python_do_and_leaves_the_last_to_be_solved_again(
     entry: Entry, warm: bool, fixed: bool
 ) -> None:
-    timed, called, (P, q), (first, _) = ready(entry), ready(entry), data(40), data(1, seed=99)
+    timed, called, given, (first, _) = ready(entry), ready(entry), data(40), data(1, seed=99)
+    P, q = given[0][::2], given[1][::-2]
     P.flags.writeable = q.flags.writeable = False
-    P, q = P[::2], q[::-2]
     start = np.full(D, 0.2) if warm else None
     updates, solves, answers = timed.time_kernel(None if fixed else P, q, start)
     assert updates.shape == solves.shape == (20,)
@@ -228,7 +228,17 @@ def test_a_loop_answers_each_of_its_data_of_any_stride_as_an_update_and_a_solve_
         called.update(None if fixed else P[k], q[k])
         np.testing.assert_array_equal(answer, called.solve(start))
         np.testing.assert_allclose(answer, optimum(first[0] if fixed else P[k], q[k]), rtol=0.0, atol=1e-7)
-    np.testing.assert_array_equal(timed.solution().x, answers[-1])
+    last = first[0] if fixed else P[-1].copy(), q[-1].copy()
+    for array in given:
+        array[:] = np.nan  # no solver keeps a pointer to them
+    solution = timed.solution()
+    assert solution.found
+    np.testing.assert_array_equal(solution.x, answers[-1])
+    np.testing.assert_allclose(solution.problem.P, last[0], rtol=1e-14)
+    np.testing.assert_allclose(solution.problem.q, last[1], rtol=1e-14)
+    np.testing.assert_allclose(timed.solve(), answers[-1], rtol=0.0, atol=1e-7 if warm else 1e-12)
+    timed.update(q=-last[1])
+    np.testing.assert_allclose(timed.solve(), optimum(last[0], -last[1]), rtol=0.0, atol=1e-7)
 
 
 @each_kernel
@@ -241,19 +251,3 @@ def test_no_call_begins_after_the_time_is_spent(entry: Entry) -> None:
     assert spent[-1] > 20_000
     assert np.isfinite(answers).all()
     assert len(solver.time_kernel(P, q, most_ns=0)[0]) == 1
-
-
-@each_kernel
-def test_afterwards_the_solver_has_the_last_data_and_can_solve_again(entry: Entry) -> None:
-    solver, (P, q) = ready(entry), data(7)
-    kept = P[-1].copy(), q[-1].copy()
-    *_, answers = solver.time_kernel(P, q)
-    P[:], q[:] = np.nan, np.nan  # no solver keeps a pointer to them
-    solution = solver.solution()
-    assert solution.found
-    np.testing.assert_array_equal(solution.x, answers[-1])
-    np.testing.assert_allclose(solution.problem.P, kept[0], rtol=1e-14)
-    np.testing.assert_allclose(solution.problem.q, kept[1], rtol=1e-14)
-    np.testing.assert_allclose(solver.solve(), answers[-1], rtol=0.0, atol=1e-12)
-    solver.update(q=-kept[1])
-    np.testing.assert_allclose(solver.solve(), optimum(kept[0], -kept[1]), rtol=0.0, atol=1e-7)

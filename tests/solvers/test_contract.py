@@ -72,9 +72,9 @@ WRONG = {
     "q": ("P", ("NaN", "-inf"), {"of 2": np.zeros(2), "of text": np.array(["a", "b", "c"])}),
     "G": ("G", ("NaN", "inf"), {"of 2 columns": np.ones((1, 2)), "of 2 rows": np.ones((2, 3)), "missing": None}),
     "h": ("G", ("NaN", "-inf"), {"of 2": np.ones(2)}),
-    "A": ("A", ("NaN", "inf"), {"of 2 columns": np.ones((1, 2))}),
+    "A": ("A", ("NaN", "inf"), {"of 2 columns": np.ones((1, 2)), "of 2 rows": np.ones((2, 3)), "missing": None}),
     "b": ("A", ("NaN", "inf"), {"of 2": np.ones(2), "missing": None}),
-    "lb": ("ub", ("NaN", "inf"), {"above ub": np.full(3, 9.5), "of 2": np.zeros(2)}),
+    "lb": ("ub", ("NaN", "inf"), {"above ub": np.full(3, 9.5), "of 2": np.zeros(2), "complex": LB + 1j}),
     "ub": ("ub", ("NaN", "-inf"), {"of 2": np.ones(2)}),
     "start": ("", ("NaN", "inf"), {"of 1": np.zeros(1), "of 4": np.zeros(4), "of 3, 3": P, "complex": LB + 1j}),
 }
