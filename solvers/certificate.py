@@ -61,7 +61,6 @@ __all__ = [
     "Unbounded",
     "certify",
     "exact_cost_gap",
-    "exact_optimum",
     "verify",
 ]
 
@@ -98,7 +97,7 @@ class Certificate:
     unique: bool | None
     """Whether x* is the only optimum (of the shifted problem); None if that was not decided."""
     x: tuple[float, ...]
-    """x* rounded to double; :func:`exact_optimum` gives it exactly."""
+    """x* rounded to double; :func:`solvers.certificate_document.document` gives it exactly."""
     value: Annotated[str, msgspec.Meta(pattern=r"^-?[0-9]+(/[1-9][0-9]*)?$")]
     """V(x*) as "p/q" in lowest terms."""
     value_rounded: float
@@ -225,12 +224,6 @@ def stored_point(program: ExactProgram, certificate: Certificate) -> Point:
         return stationary_point(program, [program.positions[name] for name in active])
     except ZeroDivisionError as error:
         raise NotCertified("proof line 3 (stationarity) fails: the system of the active set is singular") from error
-
-
-def exact_optimum(problem: Problem, certificate: Certificate) -> list[Any]:
-    """x* as d rationals (flint.fmpq), computed from the active set; :func:`verify` checks them."""
-    program, _ = exact(DoubleProblem.of(problem), certificate.convexity_shift)
-    return list(stored_point(program, certificate).x.entries())
 
 
 def verify(problem: Problem, certificate: Certificate) -> None:
