@@ -156,7 +156,7 @@ def share_with_threads(name: str, lane: str) -> None:
 
 def refuse_what_is_wrong(name: str, lane: str) -> None:
     solver, fresh, told = solvers.get(name, lane), solvers.get(name, lane), []
-    for what, refused in wrong(Lane(lane)):
+    for what, refused in wrong(Lane(lane), name in OURS.split()):
         sentences = {**SENTENCES, **(OF_OURS if name in OURS.split() else {})}
         said = next((words for case, words in sentences.items() if re.search(case, what)), "")
         told += [f"{what}: {fault}" for fault in faults(solver, refused, said, "setup" in what)]
@@ -169,8 +169,8 @@ def refuse_what_is_wrong(name: str, lane: str) -> None:
     assert not told, "\n".join(told)
 
 
-def wrong(lane: Lane) -> Iterator[tuple[str, Callable[[Solver], object]]]:
-    """Calls that a solver refuses, by what is wrong; an indefinite P and general rows may pass."""
+def wrong(lane: Lane, ours: bool) -> Iterator[tuple[str, Callable[[Solver], object]]]:
+    """Calls that a solver refuses, by what is wrong; an indefinite P may pass."""
     for part, (among, entries_of_none, whole) in WRONG.items():
         good = FIELDS[among][part] if among else LB
         for what in entries_of_none:
@@ -194,7 +194,8 @@ def wrong(lane: Lane) -> Iterator[tuple[str, Callable[[Solver], object]]]:
         yield f"setup, {what}", lambda s, bad=bad: s.setup(Problem(bad, Q[0], lb=LB))
         if lane is Lane.KERNEL:
             yield f"loop, {what}", lambda s, bad=bad: s.time_kernel(bad[None], Q[1:])
-    for row in ({"G": P[:1], "h": ONES[:1]}, {"G": np.eye(3)[:1], "h": ONES[:1]}, {"A": P[:1], "b": ONES[:1]}):
+    general = {"G": P[:1], "h": ONES[:1]}, {"G": np.eye(3)[:1], "h": ONES[:1]}, {"A": P[:1], "b": ONES[:1]}
+    for row in general if ours else ():
         yield f"setup, general row {row}", lambda s, row=row: s.setup(Problem(P, Q[0], lb=LB, **row))
 
 
