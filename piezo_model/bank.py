@@ -195,6 +195,7 @@ class CompensatorBank(Stateful):
         x_start: ArrayLike | None = None,
     ) -> None:
         """Append actuators, settled at ``x_start``, with the straight line through the ranges as model."""
+        checks.whole(0, count=count)
         s = self.structure
         x_limits = s.x_range if x_limits is None else x_limits
         checks.require(
@@ -258,11 +259,11 @@ class CompensatorBank(Stateful):
 
     def _numbered(self, which: ArrayLike) -> Index:
         """Numbers of actuators, in ascending order; ValueError if one is not in the bank."""
-        numbers = np.unique(which)
-        for number in numbers.tolist():
+        numbers = np.ravel(which).tolist()
+        for number in numbers:
             if not (isinstance(number, int) and not isinstance(number, bool) and 0 <= number < len(self)):
                 raise ValueError(f"there are actuators 0 to {len(self) - 1}, and not {number}")
-        return numbers.astype(np.int64)
+        return np.unique(np.array(numbers, np.int64))
 
     def _prefilter(self, model: HysteresisCreepModel) -> Prefilter:
         """The prefilter of an actuator's model; ValueError if the loop would be unstable, or the bank has no room."""
@@ -368,11 +369,11 @@ class CompensatorBank(Stateful):
             slots.dtype == np.int64
             and slots.ndim == 1
             and np.all((slots >= 0) & (slots < most))
-            and np.unique(slots).size == slots.size
+            and np.unique(slots).size == slots.size == len(dynamics)
         ):
-            raise ValueError(f"slots must be different whole numbers from 0 to {most - 1}")
-        if len(dynamics) != slots.size:
-            raise ValueError("dynamics must be those of each actuator")
+            raise ValueError(
+                f"slots must be different whole numbers from 0 to {most - 1}, one for each of the dynamics"
+            )
         prefilters = {g: self._prefilter(replace(self._line, dynamics=g)) for g in dict.fromkeys(dynamics)}
         self._core.restore(saved["core"], bindings.bank_restore)
         self._place(slots.copy())

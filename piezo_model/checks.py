@@ -18,7 +18,12 @@ def require(valid: Callable[[Any], Any], what: str, /, **arguments: Any) -> None
         plain = value.item() if isinstance(value, np.generic) else value  # single precision overflows beside LARGEST
         try:
             fits = not isinstance(plain, bool) and bool(valid(plain))
-        except (TypeError, ValueError, LookupError):  # a value of another type
+        except (
+            TypeError,
+            ValueError,
+            LookupError,
+            OverflowError,
+        ):  # a value of another type, or an integer beyond doubles
             fits = False
         if not fits:
             raise ValueError(f"{name} must be {what}, not {repr(value) if isinstance(value, str) else value}")
@@ -40,12 +45,12 @@ def instance(kind: type[Any], **arguments: Any) -> None:
 
 def positive(**arguments: float) -> None:
     """Require positive numbers."""
-    require(lambda value: 0.0 < value < math.inf, "a positive number", **arguments)
+    require(lambda value: math.isfinite(value) and value > 0.0, "a positive number", **arguments)
 
 
 def not_negative(**arguments: float) -> None:
     """Require finite numbers of at least 0."""
-    require(lambda value: 0.0 <= value < math.inf, "a finite number of at least 0", **arguments)
+    require(lambda value: math.isfinite(value) and value >= 0.0, "a finite number of at least 0", **arguments)
 
 
 def finite(**arguments: float) -> None:

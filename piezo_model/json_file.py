@@ -90,8 +90,8 @@ def convert(data: Any, schema: type[T]) -> T:
         unknown = _unknown(data, msgspec.to_builtins(result, enc_hook=lambda _: None))
     except msgspec.ValidationError as error:
         raise ValueError(_sentence(error)) from None
-    except RecursionError:
-        raise ValueError("is nested too deeply") from None
+    except (RecursionError, AttributeError):  # of an array as a mapping
+        raise ValueError("is nested too deeply, or has an array where fields are needed") from None
     if unknown:
         raise ValueError(f"there is no field {unknown!r}")
     return result
@@ -188,8 +188,8 @@ def _check_version(data: Any, schema: type[Versioned]) -> None:
 
 def _unknown(data: Any, known: Any) -> str:
     """Path of the first field of the data that the schema does not have."""
-    if isinstance(data, dict) and isinstance(known, dict):
-        for name, value in data.items():
+    if isinstance(known, dict) and not isinstance(data, msgspec.Struct):
+        for name, value in data.items():  # which an array has not
             if name not in known:
                 return str(name)
             if below := _unknown(value, known[name]):

@@ -52,7 +52,7 @@ class OperatorState(Stateful):
     creep: Vector
 
     def __post_init__(self) -> None:
-        self.play, self.creep = (np.ascontiguousarray(z, dtype=np.float64) for z in (self.play, self.creep))
+        self.play, self.creep = (reals(name, getattr(self, name)) for name in ("play", "creep"))
 
     @classmethod
     def settled_at(

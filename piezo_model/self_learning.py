@@ -212,6 +212,7 @@ class SelfLearningCompensator(Stateful):
         write_slope_regressors(self._core, s)
         self._driven = DrivenRange() if self._cyclic else DrivenRange(round(PIECE_S / CHECKPOINT_S))
         compensator.set_blend_time(settings.blend_time_s)
+        compensator.learns = True
         self._begin(compensator.state, resets=True)
 
     @property
@@ -300,6 +301,7 @@ class SelfLearningCompensator(Stateful):
             Drive and measured output.
         """
         (y_ref,) = checks.vectors(y_ref=y_ref)
+        checks.require(callable, "a function of drives", actuator=actuator)
         if self._last_x is not None:
             self.observe([self._last_x], [np.nan])
             self._last_x = None
@@ -358,8 +360,6 @@ class SelfLearningCompensator(Stateful):
         """Continue, to the last bit, from the :meth:`get_state` of a compensator of the same settings."""
         saved, trial = json_file.convert(state, SavedState), copy(self.compensator)
         trial.restore(saved["compensator"])
-        if trial.operators != self.compensator.operators:
-            raise ValueError("the state of the compensator is that of other operators or dynamics")
         driven = replace(saved["learning"]["driven"], per_piece=self._driven.per_piece)
         with self._core.exclusive():
             self._core.restore(saved["learning"]["core"], bindings.learner_restore)

@@ -198,7 +198,7 @@ def test_vectors_may_come_in_every_form_that_means_numbers(what: str, form: str)
         (lambda bank: bank.set_model(8, MODEL), "there are actuators 0 to 7, and not 8"),
         (lambda bank: bank.set_model(1.0, MODEL), "there are actuators 0 to 7, and not 1.0"),
         (lambda bank: bank.set_model(0, 3), "model must be a HysteresisCreepModel, not 3"),
-        (lambda bank: bank.remove([True, False]), "there are actuators 0 to 7, and not False"),
+        (lambda bank: bank.remove([True, False]), "there are actuators 0 to 7, and not True"),
         (lambda bank: bank.remove([0, -1]), "there are actuators 0 to 7, and not -1"),
         (lambda bank: bank.learning.__setitem__(3, False), "read-only"),
         (lambda bank: setattr(bank, "learning", [True] * 3), "learning must be True or False, or an array of 8"),
