@@ -9,7 +9,7 @@ import typer
 from bench.cli.app import as_typed
 from bench.cli.options import WORKERS, refuse, require
 from bench.fleet import fleet, report
-from bench.fleet.jobs import Job
+from bench.fleet.jobs import Identifying, Job
 from bench.processes.engine import Workers, started
 from bench.report.console import errors, lines_of, print_result, progress_bar
 from piezo_model.recordings import RecordingError
@@ -49,7 +49,11 @@ def process(
     """Do the job on all recordings, write the table, and show what it says; then RecordingError if any was refused."""
     if out_dir is None:
         raise typer.TyperException(
-            "Missing option '--out'" if len(recordings) < 2 else "Missing option '--out-dir' for one of each recording"
+            "Missing option '--out'"
+            if len(recordings) < 2
+            else "Missing option '--out' for one model of all, or '--out-dir' for one of each recording"
+            if isinstance(job, Identifying)
+            else "Missing option '--out-dir' for one of each recording"
         )
     require(page is None, "--page", "is for one recording")
     workers.check()

@@ -355,7 +355,7 @@ CORES = len(cores.usable())
         ((*EXCITE, "0", "--range", "0:1"), ["must be positive, not 0"]),
         ((*EXCITE, "1e9", "--range", "0:1"), ["6e+10 samples are more than"]),
         # Many recordings at once.
-        (("identify", "a.csv", "b.csv"), ["Missing option '--out-dir'"]),
+        (("identify", "a.csv", "b.csv"), ["'--out' for one model of all, or '--out-dir' for one of each"]),
         (("identify", "a.csv", "--out", "m.json", "--out-dir", "models"), ["--out-dir for one of each recording"]),
         (("identify", "a.csv", "--out-dir", "models", "--page", "p.html"), ["--page"]),
         (
