@@ -30,7 +30,6 @@ from scipy.ndimage import median_filter
 
 from piezo_model.identification.creep import CreepEvidence
 from piezo_model.identification.error_model import Solving, States, percent_of
-from piezo_model.identification.forward import EXACT as LEAST_COST
 from piezo_model.identification.forward import MIN_SLOPE, Box, ForwardFit, piece_slopes
 from piezo_model.identification.gram_matrix import gram_of
 from piezo_model.operator_state import OperatorState
@@ -44,7 +43,7 @@ SAMPLES, FEWEST_PER_WEIGHT, NEIGHBOURS = 100_000, 4, 31
 periodogram over which a median is taken."""
 ALIKE, EXACT = 2.0, 1e-12
 """Largest difference of criteria that says nothing, and cost from a Gram matrix, in normalised units squared, at the
-level of rounding."""
+level of rounding, which no count of samples resolves."""
 
 Progress = Callable[[str, int, int], None]
 
@@ -186,8 +185,8 @@ def _beyond_noise(recording: Recording, counted: Mask, error: Vector) -> float:
     owners, samples = np.repeat(recording.owners, [part.stop - part.start for part in recording.parts]), 0.0
     for owner in set(recording.owners):
         own = counted & (owners == owner)
-        squares = float(error[own] @ error[own]) + LEAST_COST * np.count_nonzero(own)
-        samples += squares / noise_floor(recording, own, error)
+        squares = float(error[own] @ error[own]) + EXACT * np.count_nonzero(own)
+        samples += squares / (noise_floor(recording, own, error) + EXACT)
     return samples
 
 
@@ -212,7 +211,7 @@ def noise_floor(recording: Recording, counted: Mask, error: Vector) -> float:
         E, X = (np.abs(np.fft.rfft((each - each.mean()) * window)[1:]) ** 2 for each in pair)
         floor = median_filter(E, NEIGHBOURS, mode="nearest") / math.log(2.0)  # the mean of noise, from its median
         noise, power = noise + float(floor @ X) / float(window @ window), power + float(X.sum())
-    return max(noise / power, np.finfo(float).tiny) if power else math.inf
+    return noise / power if power else math.inf
 
 
 def _candidate(

@@ -15,6 +15,7 @@ from scipy.signal import chirp, lfilter, sawtooth
 from piezo_model import HysteresisCreepModel, IdentificationError, Recording, identify, plants
 from piezo_model.identification import dynamics
 from piezo_model.operator_state import OperatorState, padded_thresholds
+from piezo_model.operators import play
 
 
 def sentences(model: HysteresisCreepModel, words: str) -> list[str]:
@@ -393,6 +394,13 @@ def test_a_drive_of_two_levels_is_said_not_to_determine_hysteresis_and_rounding_
     assert {other.structure.d for other in others} == {model.structure.d}
     assert sentences(model, "The drive has 2 levels and hardly anything between them, where the model is a guess")
     assert not model.report["drive"]["hysteresis"]
+
+
+def test_rounding_errors_choose_no_orders_of_an_exact_recording() -> None:
+    x = TRIANGLE * np.linspace(1.0, 0.1, T.size)
+    y = x + 0.4 * play(x, [0.5 * np.ptp(x)], x[:1])[0][:, 0]
+    models = [identify(Recording.from_arrays(x, factor * y, 1e-3)) for factor in (1.0, 1.0 - 1e-14, 1.0 + 1e-14)]
+    assert {(model.structure.n, model.structure.dead_zones) for model in models} == {(1, 1)}
 
 
 @pytest.mark.parametrize("decay", [0.0, 0.9])
