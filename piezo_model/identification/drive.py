@@ -7,6 +7,7 @@ Source: P. D. Welch, "The use of fast Fourier transform for the estimation of po
 Electroacoust. 15 (1967) 70–73.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -86,6 +87,18 @@ def level_count(x: Vector) -> int:
     counts = np.sort(np.histogram(x, BINS)[0])[::-1]
     levels = 1 + int(np.searchsorted(np.cumsum(counts), (1.0 - ELSEWHERE) * x.size))
     return levels if levels <= MOST_LEVELS else 0
+
+
+def orders_within(x: Vector, n: int, m: int) -> tuple[int, int]:
+    """Orders n and m, or the largest that the levels of a drive (N,) say anything of: one threshold lies between two.
+
+    Examples
+    --------
+    >>> orders_within(np.repeat([0.0, 1.0, 0.0, 1.0], 500), 5, 3), orders_within(np.linspace(0.0, 1.0, 2000), 5, 3)
+    ((1, 0), (5, 3))
+    """
+    levels = level_count(x) or math.inf
+    return int(min(n, levels - 1)), int(min(m, (levels - 1) / 2))
 
 
 def has_one_loop(x: Vector) -> bool:

@@ -23,7 +23,7 @@ from piezo_model.dynamics import Dynamics
 from piezo_model.figures import figures_of
 from piezo_model.identification.adequacy import Adequacy, check_adequacy
 from piezo_model.identification.creep import Bounded, CreepEvidence, Drift, determine
-from piezo_model.identification.drive import drive_of
+from piezo_model.identification.drive import drive_of, orders_within
 from piezo_model.identification.dynamics import DynamicsChoice, LagChoice, StaticView, separate
 from piezo_model.identification.dynamics_parameters import Parameters
 from piezo_model.identification.error_model import (
@@ -86,7 +86,10 @@ class Options:
 
     def first(self, recording: Recording) -> ModelStructure:
         """Structure of the first fit."""
-        n, m = (usual if given is None else given for given, usual in zip((self.n, self.m), USUAL, strict=True))
+        n, m = (
+            usual if given is None else given
+            for given, usual in zip((self.n, self.m), orders_within(recording.x, *USUAL), strict=True)
+        )
         return self.structure or structure_of(recording, n, m, self.creep_rates or ())
 
 
@@ -272,9 +275,12 @@ class Fitting:
             rates = self.together.rates if self.together else [determined.rates]
         if options.structure is not None or (rates == [s.creep_rates] and None not in (options.n, options.m)):
             return None, fit
-        ns = HYSTERESIS_ORDERS if options.n is None else (options.n,)
-        ms = SUPERPOSITION_ORDERS if options.m is None else (options.m,)
-        recording = self.separated.static
+        recording, orders = self.separated.static, (HYSTERESIS_ORDERS, SUPERPOSITION_ORDERS)
+        most = orders_within(self.recording.x, *(largest for *_, largest in orders))
+        ns, ms = (
+            [order for order in each if order <= limit] if given is None else [given]
+            for each, limit, given in zip(orders, most, (options.n, options.m), strict=True)
+        )
         counted = counted_from(recording, prepared.skip)
         selection = select(
             recording, counted, fit, determined, rates, self.solving, self.span, self.levels.signals, ns, ms

@@ -386,13 +386,19 @@ def test_a_chirp_tells_the_lag_of_an_amplifier_from_a_delay_beside_many_plays() 
     )  # without creep, which a chirp of two seconds does not tell from hysteresis
 
 
-def test_a_drive_of_two_levels_is_said_not_to_determine_hysteresis_and_rounding_errors_choose_no_orders() -> None:
-    x = np.repeat(np.random.default_rng(0).integers(0, 2, 200), 40) * 100.0
+@pytest.mark.parametrize("levels", [2, 3])
+def test_few_levels_are_said_not_to_determine_hysteresis_and_bound_the_orders_that_no_rounding_error_chooses(
+    levels: int,
+) -> None:
+    x = np.repeat(np.random.default_rng(0).integers(0, levels, 200), 40) * 100.0
     y = plants.get("maxwell_slip", sample_time=1e-3).run(x) + np.random.default_rng(1).normal(0.0, 0.02, x.size)
     factors = (1.0 - 1e-14, 1.0 + 1e-14, 1.0)
     model, *others = (identify(Recording.from_arrays(x, factor * y, 1e-3), force=True) for factor in factors)
     assert {other.structure.d for other in others} == {model.structure.d}
-    assert sentences(model, "The drive has 2 levels and hardly anything between them, where the model is a guess")
+    assert model.structure.n < levels >= model.structure.dead_zones
+    assert sentences(
+        model, f"The drive has {levels} levels and hardly anything between them, where the model is a guess"
+    )
     assert not model.report["drive"]["hysteresis"]
 
 
