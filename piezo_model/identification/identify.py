@@ -215,13 +215,16 @@ def _identified(
     selection, near = fitting.chosen()
     progress("fit", 3, 4)
     final = fitting.final(near)
-    verdict, found = fitting.judged(final)
-    if verdict.refusal is not None and not options.force:
+    judged = fitting.judged(final)
+    if (verdict := judged[0]).refusal is not None and not options.force:
         said = f"{fitting.recording.name}: {verdict.refusal}", *verdict.faults[:1]
         raise IdentificationError(". ".join(said).removesuffix("."))
-    return _reported(fitting, final, verdict, found, selection)
+    return _reported(fitting, final, judged, selection)
 
 
+Judged = tuple[Adequacy, Fit, Recording, Sequence[tuple[Recording, ForwardFit, Fit]]]
+"""Whether a fit is adequate, and its errors; the recording, with outputs at one level, and each of several with its
+share of the fit and its errors, beside a drift."""
 Near = ForwardFit | Candidate
 """From whose structure, states and weights the final fit begins."""
 
@@ -328,23 +331,25 @@ class Fitting:
                 return Final(problem, optimal, drifting, drift)
         return Final(problem, optimal, fit, None)
 
-    def judged(self, final: Final) -> tuple[Adequacy, Fit]:
-        """Whether the fit is adequate, and its errors; of several recordings, whether it is for each."""
+    def judged(self, final: Final) -> Judged:
+        """Judge the fit; of several recordings, for each."""
         fit, s, ignored = final.fit, final.fit.structure, self.options.dynamics == "ignore"
         skip, recording = self.prepared.skip, self.together.levelled(fit) if self.together else self.recording
         modelled = s.y_centre + s.y_scale * fit.y_model
         steady = recording if final.drift is None else replace(recording, y=modelled + s.y_scale * fit.error)
         found = fit_of(recording, s, recording.y - modelled, skip, self.span)
-        if isinstance(steady, Recordings):
-            each = [(one.name, check_adequacy(one, own, 0, errors, ignored)) for one, own, errors in apart(steady, fit)]
-            name, verdict = min(each, key=lambda of: (of[1].refusal is None, of[1].straight))
-            faults = [f"{name}: {fault}" for name, one in each for fault in one.faults]
-            verdict = replace(verdict, refusal=verdict.refusal and f"{name}: {verdict.refusal}", faults=faults)
-        else:
-            beside_drift = found if final.drift is None else fit_of(steady, s, steady.y - modelled, skip, self.span)
-            verdict = check_adequacy(steady, fit, skip, beside_drift, ignored)
-        refusal = None if self.separated.finding is None else self.separated.finding.refusal
-        return replace(verdict, refusal=refusal or verdict.refusal), found
+        beside_drift = found if final.drift is None else fit_of(steady, s, steady.y - modelled, skip, self.span)
+        shares = [*apart(steady, fit)] if isinstance(steady, Recordings) else [(steady, fit, beside_drift)]
+        each = [
+            (f"{one.name}: " * (len(shares) > 1), check_adequacy(one, own, skip, errors, ignored))
+            for one, own, errors in shares
+        ]
+        name, verdict = min(each, key=lambda of: (of[1].refusal is None, of[1].straight))
+        refusal = verdict.refusal and name + verdict.refusal
+        if self.separated.finding is not None:
+            refusal = self.separated.finding.refusal or refusal
+        faults = [own_name + fault for own_name, one in each for fault in one.faults]
+        return replace(verdict, refusal=refusal, faults=faults), found, recording, shares
 
 
 def _begun(recordings: Sequence[Recording], first: ModelStructure, options: Options, solving: Solving) -> Fitting:
@@ -376,12 +381,9 @@ def _begun(recordings: Sequence[Recording], first: ModelStructure, options: Opti
     return Fitting(recording, separated, determined, options, solving)
 
 
-def _reported(
-    fitting: Fitting, final: Final, verdict: Adequacy, found: Fit, selection: Selection | None
-) -> HysteresisCreepModel:
+def _reported(fitting: Fitting, final: Final, judged: Judged, selection: Selection | None) -> HysteresisCreepModel:
     """The model of a final fit, or the line that is as good, with its report."""
-    fit, problem, options, several = final.fit, final.problem, fitting.options, fitting.together
-    recording = several.levelled(fit) if several else fitting.recording
+    fit, problem, options, (verdict, found, recording, shares) = final.fit, final.problem, fitting.options, judged
     s, prepared, determined, solving = fit.structure, fitting.prepared, fitting.determined, fitting.solving
     straight = verdict.straight and found.line[1] > 0.0
     model = HysteresisCreepModel.from_weights(s, line(s, found) if straight else fit.weights)
@@ -407,7 +409,7 @@ def _reported(
         start=prepared.starts[0],
         parts=[{"first_sample": first, "start": how, **state.to_dict(s)} for first, how, state in starts][1:],
         drive=drive_of(recording, prepared.skip, determined),
-        members=list(several.members(fit)) if several else [],
+        members=list(fitting.together.members(shares)) if fitting.together else [],
         determined=determined,
         creep_chosen=options.chooses_creep,
         drift=None

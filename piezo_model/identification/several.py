@@ -71,9 +71,9 @@ class Together:
         levels = self.levels.signals @ fit.further[: self.levels.low.size]
         return replace(self.recording, y=self.recording.y - fit.structure.y_scale * levels)
 
-    def members(self, fit: ForwardFit) -> Iterator[dict[str, Any]]:
-        """For the report, of each recording after a fit of all, its errors beside a drift and its drive."""
-        for alone, (one, own, found) in zip(self.alone, apart(self.levelled(fit), fit), strict=True):
+    def members(self, shares: Sequence[tuple[Recording, ForwardFit, Fit]]) -> Iterator[dict[str, Any]]:
+        """For the report, of each recording from its share of a fit of all, its errors beside a drift and its drive."""
+        for alone, (one, own, found) in zip(self.alone, shares, strict=True):
             rms_percent, alone_percent = (percent_of(found.span, each.rms) for each in (own, alone.fit))
             yield {
                 "name": one.name,
