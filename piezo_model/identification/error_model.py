@@ -41,9 +41,10 @@ class Solving:
     programs: int = 0
 
     def optimum(self, problem: IdentificationProblem) -> Vector:
-        """Weights (d,) of (6) in normalised units."""
+        """Optimal weights (d,) of (6) in normalised units; IdentificationError if the solver fails."""
         self.programs += 1
-        return optimum(problem, self.solver)
+        form = problem.form()
+        return form.weights(np.maximum(_solve(form.qp, form.c, self.solver), form.qp.lb))
 
     def minimise(self, P: Matrix, q: Vector, low: Vector, high: Vector, towards: Vector) -> Vector:
         """The z (k,) in a box that minimises ½ zᵀP z + qᵀz, with a proximal term towards a point."""
@@ -66,12 +67,6 @@ def _solve(qp: solvers.Problem, c: float, solver: str) -> Vector:
         if engine.solution().found and np.all(np.isfinite(z)):
             return z
     raise IdentificationError(f"the solver {solver} found no answer")
-
-
-def optimum(problem: IdentificationProblem, solver: str) -> Vector:
-    """Optimal weights (d,) in normalised units; IdentificationError if the solver fails."""
-    form = problem.form()
-    return form.weights(np.maximum(_solve(form.qp, form.c, solver), form.qp.lb))
 
 
 def counted_from(recording: Recording, skip: int) -> Mask:

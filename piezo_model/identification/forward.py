@@ -174,8 +174,7 @@ class ForwardFit(Trial):
     @property
     def errors(self) -> list[Vector]:
         """Errors of the counted samples of each part, in normalised units; their mean square is the cost."""
-        scale = _error_scale(self.recording, self.counted)
-        scaled = self.error if scale is None else self.error * scale
+        scaled = self.error * _error_scale(self.recording, self.counted)
         return [scaled[part][self.counted[part]] for part in self.parts]
 
     @cached_property
@@ -241,12 +240,9 @@ def _by_parts(
     return np.concatenate([respond(T, signal[part], state) for T, part, state in parts])
 
 
-def _error_scale(recording: Recording, counted: Mask) -> Vector | None:
-    """Square roots (N,) of the samples' weights, which are 1 in the mean over those counted; None if they are equal."""
-    if len(set(recording.part_weights)) == 1:
-        return None
-    lengths = [part.stop - part.start for part in recording.parts]
-    weights = np.repeat(recording.part_weights, lengths)
+def _error_scale(recording: Recording, counted: Mask) -> Vector:
+    """Square roots (N,) of the samples' weights, which are 1 in the mean over those counted."""
+    weights = recording.spread(recording.part_weights)
     return np.asarray(np.sqrt(weights / weights[counted].mean()))
 
 
@@ -321,8 +317,7 @@ def fit_forward(
             behind = _by_parts(recording, before, begun, lambda T, *drive: behind_dynamics(*models[T], *drive))
             y_model = s.unit_output(behind)
         error = unit_y - y_model - further.signals @ z[d + n : d + n + k]
-        own = error if scale is None else error * scale
-        own = own if counted.all() else own[counted]
+        own = error * scale if counted.all() else (error * scale)[counted]
         return Trial(z, begun, g, static, y_model, error, float(own @ own) / own.size + EXACT)
 
     def linearised(at: Trial) -> tuple[Matrix, Vector, Mask]:

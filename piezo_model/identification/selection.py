@@ -61,13 +61,8 @@ class Candidate:
     """RMS error of the output to first order, per cent of its full range."""
     bic: float
 
-    @property
-    def m(self) -> int:
-        """Order of the superposition on each side."""
-        return self.structure.dead_zones // 2
-
     def __str__(self) -> str:
-        return f"n = {self.structure.n}, m = {self.m}"
+        return f"n = {self.structure.n}, m = {self.structure.dead_zones // 2}"
 
 
 @dataclass(frozen=True)
@@ -99,7 +94,7 @@ class Selection:
         rows = [
             {
                 "n": c.structure.n,
-                "m": c.m,
+                "m": c.structure.dead_zones // 2,
                 "creep_rates": list(c.structure.creep_rates),
                 "d": c.structure.d,
                 "error_percent": c.error_percent,
@@ -182,7 +177,7 @@ def _gram(
 
 def _beyond_noise(recording: Recording, counted: Mask, error: Vector) -> float:
     """Number of samples in whose noise the error (N,) would be as large, of each of several recordings."""
-    owners, samples = np.repeat(recording.owners, [part.stop - part.start for part in recording.parts]), 0.0
+    owners, samples = recording.spread(recording.owners), 0.0
     for owner in set(recording.owners):
         own = counted & (owners == owner)
         squares = float(error[own] @ error[own]) + EXACT * np.count_nonzero(own)

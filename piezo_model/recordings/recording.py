@@ -321,6 +321,10 @@ class Recording(Source):
         """Sampling period of each part in s."""
         return [self.sample_time] * len(self.starts)
 
+    def spread(self, of_parts: Sequence[float]) -> Vector:
+        """A value of each part for each of its samples, shape (samples,)."""
+        return np.repeat(of_parts, np.diff((*self.starts, self.length)))
+
     def sweeps(self) -> Iterator[Recording]:
         """The parts of the recording, one by one, each with the ranges of the whole."""
         return map(self.part, self.parts)
