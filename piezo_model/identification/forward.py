@@ -347,7 +347,9 @@ def fit_forward(
             box.high[determined],
             z[determined],
         )
-        target[s.slices[1]] = np.minimum(target[s.slices[1]], MAX_SLOPE)
+        slopes, reached = target[s.slices[1]], np.flatnonzero(determined[s.slices[1]])
+        if reached.size:  # S goes on beyond the outputs of the recording
+            slopes[:] = np.minimum(np.interp(np.arange(slopes.size), reached, slopes[reached]), MAX_SLOPE)
         step = 1.0
         while not (found := trial(z + step * (target - z))).cost <= best.cost and step >= SHORTEST_STEP:
             step *= 0.5
