@@ -14,7 +14,7 @@
 #include "product.h"
 #include "symmetric.h"
 
-enum { VECTORS = 12, LOOK_EVERY = 16 };
+enum { VECTORS = 12, LOOK_EVERY = 16, POWERS = 16, GROWTH = 8 };
 #define WITHOUT_TOLERANCE ((real)1e-9)
 #define APART ((real)1e-3)            /* of lambda_max from its bound, relative: a step length needs no more */
 #define INDEFINITE_SHARE ((real)1e-9) /* largest |negative eigenvalue| due to rounding, relative to lambda_max */
@@ -70,9 +70,32 @@ static int is_definite_with(const ProjectedGradient *s, real shift, real sign)
     return 1;
 }
 
-/* An upper bound of the largest eigenvalue of A in `columns`, closer than a thousandth if that is positive, by
- * bisection between the largest diagonal entry and the largest sum of |entries| of a row (Gershgorin): those x for
- * which x I - A is positive definite are above it. Infinite if such a sum is. */
+/* A lower bound of the largest eigenvalue of A in `columns`, the Rayleigh quotient after some power iterations from the
+ * sums of |entries|, of which `most` is the largest; 0 if that is negative. */
+static real rayleigh_quotient(const ProjectedGradient *s, real most)
+{
+    real *const v = s->shift, *const image = s->next;
+    real entry = most, product = 0, square = 0;
+    memset(s->carry, 0, (size_t)s->ld * sizeof(real));
+    memset(image, 0, (size_t)s->ld * sizeof(real));
+    for (int k = 0; k < POWERS && entry > 0; ++k) {
+        for (int j = 0; j < s->d; ++j) {
+            v[j] = (k == 0 ? v[j] : image[j]) / entry;
+        }
+        affine(s->columns, s->ld, s->d, v, s->carry, image);
+        entry = largest_entry(image, s->ld);
+    }
+    for (int j = 0; j < s->d; ++j) {
+        product += v[j] * image[j];
+        square += v[j] * v[j];
+    }
+    return product > 0 ? product / square : 0;
+}
+
+/* An upper bound of the largest eigenvalue of A in `columns`, closer than a thousandth if that is positive. It is
+ * between the Rayleigh quotient and the largest sum of |entries| of a row (Gershgorin), and above it are those x for
+ * which x I - A is positive definite: steps that grow from the quotient, and then bisection. Infinite if such a sum is.
+ */
 static real largest_eigenvalue(const ProjectedGradient *s)
 {
     real low = 0, high = 0;
@@ -82,15 +105,20 @@ static real largest_eigenvalue(const ProjectedGradient *s)
         for (int i = 0; i < s->d; ++i) {
             sum += MAGNITUDE(row[i]);
         }
+        s->shift[j] = sum;
         low = row[j] > low ? row[j] : low;
         high = sum > high ? sum : high;
     }
-    while (high - low > APART * high) {
-        const real middle = low + (high - low) / 2;
-        if (!(low < middle)) { /* there is no number between */
+    if (high < REAL_INFINITY) {
+        const real quotient = rayleigh_quotient(s, high);
+        low = quotient > low ? quotient : low;
+    }
+    for (real reach = APART * (low > 0 ? low : high); high - low > APART * high; reach *= GROWTH) {
+        const real half = low + (high - low) / 2, near = low + reach, x = near < half ? near : half;
+        if (!(low < x)) { /* there is no number between */
             break;
         }
-        *(is_definite_with(s, middle, -1) ? &high : &low) = middle;
+        *(is_definite_with(s, x, -1) ? &high : &low) = x;
     }
     return high;
 }
