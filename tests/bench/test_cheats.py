@@ -39,7 +39,6 @@ RIGHT = {
 }
 """Those whose answers are right, so that they gain no more than a part of their time."""
 TAMPERED = ("looks", "looks_into_memory", "patches_the_guard", "sends_by_itself", "loses_times")
-LEAST = 0.5
 """Smallest share of the honest time at which any of them may be right."""
 RUNS = 100
 
@@ -77,7 +76,7 @@ def test_no_cheat_is_right_in_less_than_half_the_time_of_the_honest_solver(cheat
     assert reached.any() == (name in RIGHT), cheats.rows[cheats.rows.solver == name].message.tolist()
     field = cheats.found.lanes.set_index("solver")
     honest = cheats.found.pooled(field.task[["honest"]]).min()  # which other processes disturb least
-    assert not reached.any() or field.answer_us[[name]].min() >= LEAST * honest > 0.0
+    assert not reached.any() or field.answer_us[[name]].min() >= honest / 2.0 > 0.0
 
 
 @pytest.mark.parametrize("name", TAMPERED)
@@ -102,8 +101,8 @@ def test_answers_kept_from_one_setting_are_of_no_use_at_another(cheats: Race) ->
 def test_the_judged_answers_of_an_honest_solver_are_those_that_were_timed(cheats: Race) -> None:
     gaps = cheats.rows.groupby("solver").timed_gap
     assert gaps.min()["honest"] >= 0.0
-    assert gaps.max()["honest"] <= 1e-9
-    assert gaps.max()["daqp"] <= 1e-5  # some answers are outside the bounds by more than its tolerance of 1e-6
+    # Some answers of daqp are outside the bounds by more than its tolerance of 1e-6.
+    assert (gaps.max()[["honest", "daqp"]] <= [1e-9, 1e-5]).all()
     assert np.isfinite(gaps.max()["stale"])
 
 

@@ -368,12 +368,10 @@ def test_a_file_made_from_a_recording_holds_the_sums_over_its_samples(recording:
 
 
 def test_make_bench_races_on_the_given_recording() -> None:
-    folder = Path(__file__).parents[2]
-
     def recipe(*words: str) -> str:
         return subprocess.run(
             ["make", "-n", "--no-print-directory", "bench", *words],
-            cwd=folder,
+            cwd=Path(__file__).parents[2],
             capture_output=True,
             text=True,
             check=True,

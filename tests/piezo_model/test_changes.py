@@ -41,16 +41,23 @@ def states(**wrong: Any) -> OperatorState:
     return state
 
 
-MODES: dict[str, Any] = {"continuous": {}, "cyclic": {"build_s": 0.1, "learn_s": 0.02, "solver": "box_active_set"}}
 CONTROLLERS: dict[str, Callable[[], Any]] = {
     "compensator": partial(Compensator, MODEL, integral_gain=GAIN),
     "compensator with dynamics": partial(Compensator, replace(MODEL, dynamics=MODE), integral_gain=GAIN),
-    **{
-        f"{mode} learner": partial(
-            SelfLearningCompensator, S, model=MODEL, mode=mode, reset_s=0.01, integral_gain=GAIN, **options
-        )
-        for mode, options in MODES.items()
-    },
+    "continuous learner": partial(
+        SelfLearningCompensator, S, model=MODEL, mode="continuous", reset_s=0.01, integral_gain=GAIN
+    ),
+    "cyclic learner": partial(
+        SelfLearningCompensator,
+        S,
+        model=MODEL,
+        mode="cyclic",
+        reset_s=0.01,
+        build_s=0.1,
+        learn_s=0.02,
+        solver="box_active_set",
+        integral_gain=GAIN,
+    ),
     "bank": partial(CompensatorBank, S, 2, integral_gain=GAIN),
     "bank with dynamics": partial(CompensatorBank, S, 2, dynamics=MODE, integral_gain=GAIN),
 }
@@ -105,6 +112,8 @@ OF_LEARNER: Ways = {
         if name in ("state", "model", "blend")
     },
     "actuator": (lambda c, v: c.run([1.0, 2.0], v), set()),
+    "an endless drive": (lambda c, v: c.observe([np.inf], [0.0]), set()),
+    "outputs of other drives": (lambda c, v: c.observe([1.0], [0.0, 1.0]), set()),
     "drives": (lambda c, v: c.observe(v, [1.0, 2.0]), {"descending"}),
     "outputs": (lambda c, v: c.observe([1.0, 2.0], v), NUMBERS),
     "references": (lambda c, v: c.replay(v, [1.0, 2.0]), NUMBERS),
@@ -120,6 +129,9 @@ OF_BANK: Ways = {
     "start": (lambda b, v: b.add(20, x_start=v), {"nothing", "true"}),
     "learning of more": (lambda b, v: b.add(20, learn=v), {"true"}),
     "learning": (lambda b, v: setattr(b, "learning", v), {"true"}),
+    "a flag too few": (lambda b, v: b.add(20, learn=[True] * 19), set()),
+    "a model of dynamics without room": (lambda b, v: b.set_model(1, replace(SHAKY, left_out=MODEL.dynamics)), set()),
+    "a model for one more": (lambda b, v: b.set_model([0, 2], b.models[0]), set()),
     "references": (lambda b, v: b.step(v, [1.0, 2.0]), NUMBERS),
     "outputs before": (lambda b, v: b.step([1.0, 2.0], v), NUMBERS),
 }
@@ -142,6 +154,40 @@ def fields(state: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
     inner = state.items() if isinstance(state, dict) else enumerate(state[:1]) if isinstance(state, list) else ()
     for name, value in inner:
         yield from fields(value, (*path, name))
+
+
+CONTRADICTED: dict[str, tuple[tuple[tuple[Any, ...], Any], ...]] = {
+    "compensator": (
+        (("play", 2), NAN),
+        (("creep",), np.zeros(8)),
+        (("drive",), np.zeros(5)),
+        (("drive",), np.array(["a"] * 6)),
+        (("drive", 0), np.inf),
+        (("decay",), 1.5),
+        (("prefilter",), np.zeros(3)),
+        (("model",), UNSTABLE.to_dict()),
+        (("model", "w_H"), [0.0] * (S.n + 1)),
+    ),
+    "continuous learner": (
+        (("compensator",), Compensator(true_model(structure(n=2, sample_time=T))).get_state()),
+        (("compensator",), Compensator(SHAKY, integral_gain=1.0).get_state()),
+        (("compensator", "play", 1), NAN),
+        (("compensator", "prefilter"), np.zeros(3)),
+        (("learning", "core"), np.zeros(64, np.uint8)),
+        (("learning", "driven"), {"spans": [], "observed": 7}),
+        (("log",), "none"),
+        (("last_x",), NAN),
+    ),
+    "bank": (
+        (("slots",), np.zeros(2, np.int64)),
+        (("slots",), [0, 1]),
+        (("core",), None),
+        (("dynamics",), [SHAKY.dynamics.to_dict()] * 2),
+        (("dynamics",), np.ones((2, 3))),
+        (("dynamics",), [None]),
+    ),
+}
+"""Values of fields of a state that the others contradict."""
 
 
 RUNS: dict[type, Callable[[Any, np.ndarray], np.ndarray]] = {
@@ -185,6 +231,16 @@ def test_a_wrong_value_is_refused_and_leaves_the_next_steps_as_they_would_have_b
         assert twins.refuses(lambda value=value: change(twins.changed, VALUES[value])), value
 
 
+@pytest.mark.parametrize("name", CONTRADICTED)
+def test_a_state_that_contradicts_itself_is_refused_whole(name: str) -> None:
+    twins = Twins(name)
+    for (*inner, last), value in CONTRADICTED[name]:
+        state = deepcopy(twins.good)
+        reduce(lambda part, step: part[step], inner, state)[last] = value
+        assert twins.refuses(lambda state=state: twins.changed.restore(state)), (*inner, last)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CONTROLLERS)
 def test_a_state_with_anything_wrong_in_it_is_refused_whole(name: str) -> None:
     twins = Twins(name)

@@ -183,10 +183,13 @@ def test_a_library_without_its_functions_or_without_its_file_is_absent_with_a_se
             open_library("daqp", version, path, ("daqp_solve", function))
 
 
-KERNELS = [entry for entry in solvers.entries() if entry.lane is Lane.KERNEL and entry.times_itself]
 TIMED_SETTINGS: dict[str, dict[str, Any]] = {"projected_difference": {"steps": 300}}
 D = 9
-each_kernel = pytest.mark.parametrize("entry", KERNELS, ids=lambda entry: entry.name)
+each_kernel = pytest.mark.parametrize(
+    "entry",
+    [entry for entry in solvers.entries() if entry.lane is Lane.KERNEL and entry.times_itself],
+    ids=lambda entry: entry.name,
+)
 
 
 def data(count: int, seed: int = 0) -> tuple[Matrix, Matrix]:
