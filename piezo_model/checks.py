@@ -18,12 +18,7 @@ def require(valid: Callable[[Any], Any], what: str, /, **arguments: Any) -> None
         plain = value.item() if isinstance(value, np.generic) else value  # single precision overflows beside LARGEST
         try:
             fits = not isinstance(plain, bool) and bool(valid(plain))
-        except (
-            TypeError,
-            ValueError,
-            LookupError,
-            OverflowError,
-        ):  # a value of another type, or an integer beyond doubles
+        except (TypeError, ValueError, LookupError, OverflowError):  # of another type, or an integer beyond doubles
             fits = False
         if not fits:
             raise ValueError(f"{name} must be {what}, not {repr(value) if isinstance(value, str) else value}")

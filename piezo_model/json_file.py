@@ -90,8 +90,10 @@ def convert(data: Any, schema: type[T]) -> T:
         unknown = _unknown(data, msgspec.to_builtins(result, enc_hook=lambda _: None))
     except msgspec.ValidationError as error:
         raise ValueError(_sentence(error)) from None
-    except (RecursionError, AttributeError):  # of an array as a mapping
-        raise ValueError("is nested too deeply, or has an array where fields are needed") from None
+    except RecursionError:
+        raise ValueError("is nested too deeply") from None
+    except AttributeError:  # msgspec takes an array for a mapping, whose items it has not
+        raise ValueError("has an array where fields are needed") from None
     if unknown:
         raise ValueError(f"there is no field {unknown!r}")
     return result

@@ -151,11 +151,12 @@ def _over_all(structures: Sequence[ModelStructure]) -> ModelStructure:
     """A structure over the output ranges of all, at the shortest sampling period."""
     low = min(one.y_centre - abs(one.y_scale) for one in structures)
     high = max(one.y_centre + abs(one.y_scale) for one in structures)
-    y_scale, shortest = (
-        math.copysign(0.5 * (high - low), structures[0].y_scale),
-        min(one.sample_time for one in structures),
+    return replace(
+        structures[0],
+        y_centre=0.5 * (low + high),
+        y_scale=math.copysign(0.5 * (high - low), structures[0].y_scale),
+        sample_time=min(one.sample_time for one in structures),
     )
-    return replace(structures[0], y_centre=0.5 * (low + high), y_scale=y_scale, sample_time=shortest)
 
 
 def _creep(

@@ -71,16 +71,15 @@ static int is_definite_with(const ProjectedGradient *s, real shift, real sign)
 }
 
 /* A lower bound of the largest eigenvalue of A in `columns`, the Rayleigh quotient after some power iterations from the
- * sums of |entries|, of which `most` is the largest; 0 if that is negative. */
+ * vector in `next`, of which `most` is the largest |entry|; 0 if that is negative. */
 static real rayleigh_quotient(const ProjectedGradient *s, real most)
 {
     real *const v = s->shift, *const image = s->next;
     real entry = most, product = 0, square = 0;
     memset(s->carry, 0, (size_t)s->ld * sizeof(real));
-    memset(image, 0, (size_t)s->ld * sizeof(real));
     for (int k = 0; k < POWERS && entry > 0; ++k) {
         for (int j = 0; j < s->d; ++j) {
-            v[j] = (k == 0 ? v[j] : image[j]) / entry;
+            v[j] = image[j] / entry;
         }
         affine(s->columns, s->ld, s->d, v, s->carry, image);
         entry = largest_entry(image, s->ld);
@@ -105,7 +104,7 @@ static real largest_eigenvalue(const ProjectedGradient *s)
         for (int i = 0; i < s->d; ++i) {
             sum += MAGNITUDE(row[i]);
         }
-        s->shift[j] = sum;
+        s->next[j] = sum;
         low = row[j] > low ? row[j] : low;
         high = sum > high ? sum : high;
     }

@@ -39,7 +39,6 @@ RIGHT = {
 }
 """Those whose answers are right, so that they gain no more than a part of their time."""
 TAMPERED = ("looks", "looks_into_memory", "patches_the_guard", "sends_by_itself", "loses_times")
-"""Smallest share of the honest time at which any of them may be right."""
 RUNS = 100
 
 
