@@ -81,7 +81,7 @@ def markdown(text: Any) -> Markup:
     if isinstance(text, Markup):
         return text
     line = terminal(re.sub(r"\s*[\n\r\v\f\x1c-\x1e\x85\u2028\u2029]\s*", " ", str(text)))
-    return Markup(re.sub(r"[\\`*\[\]<>&|~]", lambda found: f"&#{ord(found[0])};", line))
+    return Markup(re.sub(r"[\\`*\[\]<>&|~]", lambda match: f"&#{ord(match[0])};", line))
 
 
 def markup_templates(package: str) -> jinja2.Environment:

@@ -113,10 +113,7 @@ class Run:
         It is created under a temporary name and renamed, so that every run with a name can be resumed.
         """
         if not name or not name.isprintable() or Path(name).name != name or name.startswith((".", "-")):
-            raise RunError(
-                "a run has the name of one folder, on one line, without slash and leading dot or dash, and "
-                f"not {name!r}"
-            )
+            raise RunError(f"the name of a run must be one line without a slash or a leading dot or dash, not {name!r}")
         run = cls(results / name)
         if run.path.exists():
             raise RunError(f"{run.path} already exists; give another name or resume it")
@@ -138,7 +135,7 @@ class Run:
         if not (path / "run.json").is_file():
             raise RunError(f"{path} is not a run folder: it has no run.json")
         run = cls(path)
-        if links := [each for each in path.iterdir() if each.is_symlink() and each.is_dir()]:
+        if links := [folder for folder in path.iterdir() if folder.is_symlink() and folder.is_dir()]:
             raise RunError(f"{links[0]} is a link to another folder, and a run keeps its files in its own; replace it")
         if (version := json_file.read(path / "run.json", dict[str, Any], RunError).get("version", 1)) != VERSION:
             raise RunError(
@@ -240,12 +237,12 @@ class Run:
     def machines(self) -> dict[str, Machine]:
         """The machines that made rows, with their versions and instruction sets, by the column ``machine``."""
         folder = self.path / "machines"
-        found = {path: json_file.read(path, Machine, RunError) for path in sorted(folder.glob("[!.]*.json"))}
-        if changed := [path for path, each in found.items() if machine.key(each) != path.stem]:
-            raise RunError(f"{changed[0]}: is not what its name, a digest, was made of; restore it, or race again")
-        if not found:
-            raise RunError(f"{folder} has no machine, and each that made rows of a run is described there")
-        return {path.stem: each for path, each in found.items()}
+        machines = {path: json_file.read(path, Machine, RunError) for path in sorted(folder.glob("[!.]*.json"))}
+        if changed := [path for path, host in machines.items() if machine.key(host) != path.stem]:
+            raise RunError(f"{changed[0]}: does not match the digest in its name; restore it, or race again")
+        if not machines:
+            raise RunError(f"{folder} describes no machine of this run")
+        return {path.stem: host for path, host in machines.items()}
 
     def check_machines(self, rows: pd.DataFrame, file: str) -> None:
         """RunError unless each machine that made the rows is described."""
@@ -258,7 +255,7 @@ class Run:
     @property
     def machine_names(self) -> list[str]:
         """Names of the machines that made rows, without their versions."""
-        return sorted({machine.name(each) for each in self.machines.values()})
+        return sorted({machine.name(host) for host in self.machines.values()})
 
     def machine_of(self, rows: pd.DataFrame) -> Machine:
         """The machine that made most of these rows."""

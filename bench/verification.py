@@ -49,7 +49,7 @@ def verify_run(run: Run, progress: Progress = silent) -> Verified:
     """Judge every stored answer of a run again; RunError for a missing problem."""
     rows = run.rows()
     by_problem, wrong, proofs = rows.groupby(["problem_set", "problem"], sort=False), list[str](), 0
-    for done, ((problem_set, name), part) in enumerate(by_problem):
+    for done, ((problem_set, name), group) in enumerate(by_problem):
         progress(f"{problem_set}/{name}", done, len(by_problem))
         problem = run.problem(str(problem_set), str(name))
         proofs += len(problem.forms)
@@ -57,7 +57,7 @@ def verify_run(run: Run, progress: Progress = silent) -> Verified:
         wrong += [
             f"{row['solver']} ({row['lane']}), {settings_label(row['setting']) or 'defaults'}, on {problem_set}/"
             f"{name}, {row['scaling']}, {row['timed']}: {why}"
-            for row in part.to_dict("records")
+            for row in group.to_dict("records")
             for why in _wrong(problem, row)
         ]
     first, timed = sum(rows.answer.map(len) > 0), sum(rows.timed_call >= 0)
@@ -67,7 +67,7 @@ def verify_run(run: Run, progress: Progress = silent) -> Verified:
 def _wrong(problem: RaceProblem, row: dict[Any, Any]) -> Iterator[str]:
     """What does not follow from the answers of a row."""
     if row["digest"] != problem.digest:
-        yield "its digest is that of other data than the stored problem's"
+        yield "its digest does not match the stored problem"
         return
     form, answer = problem.forms.get(row["scaling"]), np.array(row["answer"], dtype=np.float64)
     if form is None:
@@ -93,8 +93,8 @@ def _wrong(problem: RaceProblem, row: dict[Any, Any]) -> Iterator[str]:
         yield f"the data of its timed answer have no certified optimum ({error})"
 
 
-def _differences(row: dict[Any, Any], found: Mapping[str, Any]) -> Iterator[str]:
-    for name, new in found.items():
+def _differences(row: dict[Any, Any], judged: Mapping[str, Any]) -> Iterator[str]:
+    for name, new in judged.items():
         old, rounding = row[name], ROUNDING * (abs(new) if name == "timed_gap" else name in OF_MODELS)
         if not (math.isclose(old, new, rel_tol=0.0, abs_tol=rounding) or (math.isnan(old) and math.isnan(new))):
             yield f"its {name.replace('_', ' ')} is {old:.3g} in the run, and {new:.3g} from its answer"

@@ -151,7 +151,7 @@ class Compensator(Stateful):
         if self._integral_gain > 0.0:
             model.require_stable(self._integral_gain, inverts=self._inverts)
         s = model.structure
-        OperatorState.require(state, s)
+        OperatorState.check_fits(state, s)
         prefilter = Prefilter(model.dynamics if self._inverts else None, s.sample_time)
         shape = *s.shape, prefilter.modes, prefilter.ring
         if self.learns and (
@@ -194,7 +194,7 @@ class Compensator(Stateful):
 
     @state.setter
     def state(self, state: OperatorState) -> None:
-        OperatorState.require(state, self._model.structure)
+        OperatorState.check_fits(state, self._model.structure)
         self._core["play"][:], self._core["creep"][:] = state.play, state.creep
 
     @property

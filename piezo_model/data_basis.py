@@ -56,7 +56,7 @@ class DataBasis(Stateful):
         self.structure, self.forgetting = structure, forgetting
         self._core = new_basis(structure, forgetting)
         state = OperatorState.before_drive(structure) if state is None else state
-        OperatorState.require(state, structure)
+        OperatorState.check_fits(state, structure)
         self.state.play[:], self.state.creep[:] = state.play, state.creep
         self._start = state.copy()
         self._span = np.array([np.inf, -np.inf, np.inf, -np.inf])

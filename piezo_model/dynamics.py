@@ -99,22 +99,22 @@ class Dynamics:
             f"at most {MOST_MODES} positive numbers in ascending order",
             frequencies_Hz=self.frequencies_Hz,
         )
-        each = "as many numbers as there are frequencies, "
+        as_many = "as many numbers as there are frequencies, "
         checks.require(
             lambda zeta: len(zeta) == len(self.frequencies_Hz) and all(0.0 < z < 1.0 for z in zeta),
-            f"{each}above 0 and below 1",
+            f"{as_many}above 0 and below 1",
             damping=self.damping,
         )
         checks.require(
             lambda g: len(g) == len(self.frequencies_Hz) and all(a > 0.0 for a in g) and sum(g) <= 1.0 + 1e-12,
-            f"{each}above 0 and at most 1 in all",
+            f"{as_many}above 0 and at most 1 in all",
             gains=self.gains,
         )
         for name in ("delay_s", "amplifier_lag_s"):
             checks.require(lambda t: 0.0 <= t <= LARGEST, f"from 0 to {LARGEST:g} s", **{name: getattr(self, name)})
             object.__setattr__(self, name, float(getattr(self, name)))
 
-    def require(self, sample_time: float) -> None:
+    def check_sample_time(self, sample_time: float) -> None:
         """Raise ValueError if a mode is too fast or too slow, or delay or lag too long, for a sampling period in s."""
         for f in self.frequencies_Hz:
             if not LOWEST <= f * sample_time <= HIGHEST:
@@ -144,8 +144,8 @@ class Dynamics:
 
     def stream(self, sample_time: float, level: float | None = None) -> Stream:
         """A filter of the consecutive parts of a signal as of :meth:`filter`."""
-        whole, parts = self._parts(sample_time)
-        return Stream([(np.concatenate([np.zeros(int(whole)), b]), a) for b, a in parts], level)
+        whole, sections = self._sections(sample_time)
+        return Stream([(np.concatenate([np.zeros(int(whole)), b]), a) for b, a in sections], level)
 
     def amplified(self, x: Vector, sample_time: float, level: float | None = None) -> Vector:
         """The drive x_a (N,) behind the amplifier for x (N,), balanced at ``level`` before it."""
@@ -183,9 +183,9 @@ class Dynamics:
     def zeros(self, sample_time: float) -> tuple[int, Vector]:
         """Whole samples of the delay, and N(z) / N(1) of G = z^(−delay) N(z) / Π D_i(z), which is the reference model
         behind R_i(1) / R_i(z)."""
-        whole, parts = self._parts(sample_time)
-        poles = [a / a.sum() for _, a in parts]
-        over = [reduce(np.convolve, poles[:i] + poles[i + 1 :], b / a.sum())[::-1] for i, (b, a) in enumerate(parts)]
+        whole, sections = self._sections(sample_time)
+        poles = [a / a.sum() for _, a in sections]
+        over = [reduce(np.convolve, poles[:i] + poles[i + 1 :], b / a.sum())[::-1] for i, (b, a) in enumerate(sections)]
         return int(whole), np.asarray(reduce(np.polyadd, over))[::-1]
 
     def pole_pairs(self, sample_time: float) -> list[tuple[Vector, Vector]]:
@@ -196,9 +196,9 @@ class Dynamics:
 
     def response(self, frequencies_Hz: Vector, sample_time: float) -> Vector:
         """Complex response of G at frequencies (k,)."""
-        q, (whole, parts) = -2j * np.pi * frequencies_Hz * sample_time, self._parts(sample_time)
+        q, (whole, sections) = -2j * np.pi * frequencies_Hz * sample_time, self._sections(sample_time)
         delay, q = np.exp(whole * q), np.exp(q)
-        return np.asarray(delay * sum(np.polyval(b[::-1], q) / np.polyval(a[::-1], q) for b, a in parts))
+        return np.asarray(delay * sum(np.polyval(b[::-1], q) / np.polyval(a[::-1], q) for b, a in sections))
 
     def largest_gain(self, sample_time: float, inverted: Dynamics | None) -> float:
         """Gain of integral action, per second, from which on a loop around the stage is unstable, behind the F of what
@@ -262,20 +262,20 @@ class Dynamics:
         }
         return ", ".join(word for word, applies in words.items() if applies)
 
-    def _parts(self, sample_time: float) -> tuple[float, list[tuple[Vector, Vector]]]:
+    def _sections(self, sample_time: float) -> tuple[float, list[tuple[Vector, Vector]]]:
         """Whole samples of the delay; numerator and denominator of each parallel part of G behind them, the last one
         with the residual compliance."""
-        whole, part = divmod(self.delay_s / sample_time, 1.0)
-        parts: list[tuple[Vector, Vector]] = []
+        whole, fraction = divmod(self.delay_s / sample_time, 1.0)
+        sections: list[tuple[Vector, Vector]] = []
         for f, zeta, gain in zip(self.frequencies_Hz, self.damping, self.gains, strict=True):
             a = poles(f, zeta, sample_time)
-            pulse = np.diff(_step_response(sample_time * (np.arange(4.0) - part), f, zeta))
-            parts.append((gain * np.convolve(a, pulse)[:3], a))
+            pulse = np.diff(_step_response(sample_time * (np.arange(4.0) - fraction), f, zeta))
+            sections.append((gain * np.convolve(a, pulse)[:3], a))
         if (rest := 1.0 - sum(self.gains)) > 1e-12:
-            b, a = parts.pop() if parts else (np.zeros(1), np.ones(1))
-            direct = np.convolve([rest * (1.0 - part), rest * part], a)
-            parts.append((np.polyadd(b[::-1], direct[::-1])[::-1].copy(), a))
-        return whole, parts
+            b, a = sections.pop() if sections else (np.zeros(1), np.ones(1))
+            direct = np.convolve([rest * (1.0 - fraction), rest * fraction], a)
+            sections.append((np.polyadd(b[::-1], direct[::-1])[::-1].copy(), a))
+        return whole, sections
 
 
 def late(dynamics: Dynamics | None, delay_s: float) -> Dynamics | None:
@@ -288,8 +288,8 @@ class Stream:
     """Parallel filters, numerator and denominator of each with a_0 = 1, of the parts of a signal (N,) or of columns
     (N, k), balanced before the first sample at a level, by default that sample."""
 
-    def __init__(self, parts: Sequence[tuple[Vector, Vector]], level: float | None) -> None:
-        self._parts, self._level = parts, level
+    def __init__(self, sections: Sequence[tuple[Vector, Vector]], level: float | None) -> None:
+        self._sections, self._level = sections, level
         self._states: list[Matrix] = []
 
     def __call__(self, v: Matrix) -> Matrix:
@@ -299,9 +299,9 @@ class Stream:
         x = np.ascontiguousarray(v).reshape(len(v), -1)
         if not self._states:
             self._balance = x[0].copy() if self._level is None else np.full(x.shape[1], self._level)
-            self._states = [np.zeros((1 + max(map(len, part)), x.shape[1])) for part in self._parts]
+            self._states = [np.zeros((1 + max(map(len, section)), x.shape[1])) for section in self._sections]
         y = np.tile(self._balance, (len(x), 1))
-        for (b, a), state in zip(self._parts, self._states, strict=True):
+        for (b, a), state in zip(self._sections, self._states, strict=True):
             bindings.filter(b, a, state, self._balance, x, y)
         return y.reshape(v.shape)
 

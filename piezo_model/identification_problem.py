@@ -169,9 +169,9 @@ class IdentificationProblem:
         reference = s.straight_line if self.reference is None else np.asarray(self.reference, dtype=np.float64)
         v_ref = s.inverse_slope_map @ reference
         rho = self.proximal * float(np.mean(np.diag(P)))
-        held = np.where(self.reached, 0.0, v_ref)
-        c = self.c + float(q @ held + 0.5 * held @ P @ held)
-        q = np.where(self.reached, q + P @ held, 0.0)
+        fixed = np.where(self.reached, 0.0, v_ref)
+        c = self.c + float(q @ fixed + 0.5 * fixed @ P @ fixed)
+        q = np.where(self.reached, q + P @ fixed, 0.0)
         P = np.where(np.outer(self.reached, self.reached), P, 0.0)
         return P + rho * np.eye(s.d), q - rho * v_ref, c + 0.5 * rho * float(v_ref @ v_ref)
 
@@ -184,7 +184,7 @@ class IdentificationProblem:
         diagonal.
         """
         if coordinates not in ("slope", "weight") or scaling not in ("scaled", "raw"):
-            raise ValueError(f"there is no form {coordinates!r}, {scaling!r}")
+            raise ValueError(f"unknown form {coordinates!r}, {scaling!r}")
         s = self.structure
         P, q, c = self._in_slopes
         lb = s.lower_bounds(self.min_slope)

@@ -67,7 +67,7 @@ def decoded(text: str | bytes, schema: type[T]) -> T:
     except msgspec.ValidationError as error:
         raise ValueError(_sentence(error)) from None
     except (ValueError, RecursionError) as error:
-        raise ValueError(f"is not a whole JSON file ({error})") from None
+        raise ValueError(f"is not a complete JSON file ({error})") from None
     return convert(data, schema)
 
 
@@ -162,8 +162,8 @@ def unpacked(value: Any) -> Any:
     if set(value) == {"float"}:
         return float(convert(value["float"], Literal["nan", "inf", "-inf"]))  # type: ignore[arg-type]
     if set(value) == {"dtype", "shape", "base64"}:
-        part = convert(value, PackedArray)
-        array = np.frombuffer(part.base64, dtype=np.dtype(part.dtype)).reshape(part.shape)
+        stored = convert(value, PackedArray)
+        array = np.frombuffer(stored.base64, dtype=np.dtype(stored.dtype)).reshape(stored.shape)
         return array.astype(array.dtype.newbyteorder("="))
     return {name: unpacked(item) for name, item in value.items()}
 

@@ -153,17 +153,17 @@ class HysteresisCreepModel(Immutable):
             checks.between(-LARGEST, LARGEST, offset=self.offset)
         object.__setattr__(self, "report", ReadOnly(self.report))
         if self.start is not None:
-            OperatorState.require(self.start, s)
+            OperatorState.check_fits(self.start, s)
             object.__setattr__(self, "start", OperatorState(*map(read_only, (self.start.play, self.start.creep))))
         with checks.refusing(ModelError, "fitted: "):
             for state in self.starts[1:]:
-                state.require(s)
+                state.check_fits(s)
         either = {"dynamics": self.dynamics, "left_out": self.left_out}
         checks.require(lambda d: d is None or isinstance(d, Dynamics), "a Dynamics or None", **either)
         checks.require(lambda t: 0.0 <= t <= LARGEST, f"from 0 to {LARGEST:g} s", sensor_delay_s=self.sensor_delay_s)
         if self.dynamics is not None:
             with checks.refusing(ModelError):
-                self.dynamics.require(s.sample_time)
+                self.dynamics.check_sample_time(s.sample_time)
         if self.offset and not s.offset:
             raise ModelError(f"the structure has no offset, and the model has one of {self.offset:g}")
         if self.w_H[0] < SMALLEST:
@@ -172,7 +172,7 @@ class HysteresisCreepModel(Immutable):
             values = getattr(self, name)
             if np.any(values < 0.0):
                 i = int(np.argmin(values))
-                raise ModelError(f"{name}[{i}] must not be negative, and it is {values[i]:g}")
+                raise ModelError(f"{name}[{i}] must not be negative, not {values[i]:g}")
         if np.any(self.slopes < SMALLEST):
             i = int(np.argmin(self.slopes))
             raise ModelError(
@@ -247,7 +247,7 @@ class HysteresisCreepModel(Immutable):
 
             return simulated(self, cast("Recording", x), state)
         state = self.initial_state() if state is None else state
-        OperatorState.require(state, self.structure)
+        OperatorState.check_fits(state, self.structure)
         drive = checks.vectors(x=x)[0]  # type: ignore[arg-type]
         return simulation.respond(self.structure, self.arrays, self.dynamics, drive, state)
 
@@ -279,7 +279,7 @@ class HysteresisCreepModel(Immutable):
         """
         if self.dynamics is not None:
             raise ModelError(f"parts are of hysteresis and creep alone, and the model has {self.dynamics}; use static")
-        OperatorState.require(state, self.structure)
+        OperatorState.check_fits(state, self.structure)
         (x,) = checks.vectors(x=x)
         return simulation.advance(self.structure, self.arrays, x, state)
 

@@ -76,7 +76,7 @@ class OperatorState(Stateful):
             If x is not finite, or for another direction.
         """
         checks.finite(x=x)
-        checks.require(lambda way: way in ("above", "below", None), "'above', 'below' or None", came_from=came_from)
+        checks.require(lambda value: value in ("above", "below", None), "'above', 'below' or None", came_from=came_from)
         unit_x = (x - structure.x_centre) / structure.x_scale
         slopes = {"above": 1.0, "below": -1.0, None: max(-1.0, min(1.0, -unit_x))}  # dz/dr over the thresholds
         z = unit_x + slopes[came_from] * padded_thresholds(structure)
@@ -94,7 +94,7 @@ class OperatorState(Stateful):
             structure, float(drive_start(*(structure.x_range if x_limits is None else x_limits), x_start))
         )
 
-    def require(self, structure: ModelStructure) -> None:
+    def check_fits(self, structure: ModelStructure) -> None:
         """Raise ValueError if the states do not have the size of a structure, or are not finite."""
         checks.instance(OperatorState, state=self)
         needed = structure.lanes, len(structure.creep_rates) * structure.lanes

@@ -67,8 +67,8 @@ def staircase(
     checks.positive(hold_s=hold_s)
     checks.whole(2, levels=levels)
     # In whole samples, so that the rounding of k Ts / hold_s never shifts a step.
-    held = max(1, round(hold_s / sample_time))
-    step = np.arange(t.size) // held % (2 * (levels - 1))
+    samples_per_level = max(1, round(hold_s / sample_time))
+    step = np.arange(t.size) // samples_per_level % (2 * (levels - 1))
     return np.linspace(low, high, levels)[np.minimum(step, 2 * (levels - 1) - step)]
 
 
@@ -207,8 +207,8 @@ def smoothed(steps: Vector, step_s: float, sample_time: float) -> Vector:
     window = np.hanning(round(step_s / sample_time) + 2)[1:-1]
     if window.size < 2:
         return steps
-    held = np.concatenate([np.full(window.size - 1, steps[0]), steps])
-    smooth: Vector = scipy.signal.oaconvolve(held, window / window.sum(), "valid")
+    padded = np.concatenate([np.full(window.size - 1, steps[0]), steps])
+    smooth: Vector = scipy.signal.oaconvolve(padded, window / window.sum(), "valid")
     return np.clip(smooth, steps.min(), steps.max())
 
 
@@ -248,9 +248,9 @@ def excitation(*, duration_s: float, sample_time: float, low: float, high: float
     growth = math.log(swept.size / SWEPT / SLOWEST)
     cycles, amplitude = SLOWEST * np.expm1(growth * swept) / growth, np.minimum(1.0, 10.0 * np.exp(-growth * swept))
     sine = scaled(0.5 * amplitude * (1.0 - np.cos(2.0 * np.pi * cycles)), low, high)
-    held = [np.full(hold, low + share * (high - low)) for share in (0.8, 0.2)]
-    sections = (rest, triangles[0], rest, held[0], rest, triangles[1], rest, held[1], rest, sine, rest, triangles[2])
-    drive = np.concatenate(sections)
+    holds = [np.full(hold, low + share * (high - low)) for share in (0.8, 0.2)]
+    segments = (rest, triangles[0], rest, holds[0], rest, triangles[1], rest, holds[1], rest, sine, rest, triangles[2])
+    drive = np.concatenate(segments)
     return smoothed(np.concatenate([drive, np.full(count - drive.size, low)]), step_s, sample_time)
 
 

@@ -115,7 +115,7 @@ SHOWN = {"deg": "°", "degC": "°C", "angstrom": "Å", "percent": "%"}
 
 
 class UnitError(ValueError):
-    """A unit that measures something else than the wanted one; the message is one sentence."""
+    """A unit that measures something else than the expected one; the message is one sentence."""
 
 
 def split_unit(column: str) -> tuple[str, str]:

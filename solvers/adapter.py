@@ -69,7 +69,7 @@ class Report(NamedTuple):
     reported_us: float | None = None
     """The solve time that the library itself reports."""
     more: Mapping[str, Any] = MappingProxyType({})
-    """What else a solver has to say."""
+    """Further details of the solver."""
 
 
 class Adapter(Solver):
@@ -97,7 +97,7 @@ class Adapter(Solver):
         Unsupported
             The solver cannot take a feature of the problem.
         ValueError
-            The data are not as :mod:`solvers.checks` asks for, or the solver refuses them.
+            The data fail a check of :mod:`solvers.checks`, or the solver refuses them.
         """
         made = type(self)(**self.settings)  # apart: a refusal changes nothing
         made._set_up(problem)
@@ -118,13 +118,13 @@ class Adapter(Solver):
         """Make the library's object of the program and its rows, if it has one; it moves to another solver with all
         attributes, so nothing may keep a reference to this one."""
 
-    def _begin(self, check: Callable[..., Any], *arguments: Any, given: frozenset[str] = READY) -> Any:
-        """Begin a call to which these data are given: until its end, or for good if a library raises, the solver is not
-        ready. Returns what ``check`` makes of the program and arguments; if it refuses these, the solver is as it
-        was."""
+    def _begin(self, check: Callable[..., Any], *arguments: Any, supplied: frozenset[str] = READY) -> Any:
+        """Begin a call that supplies these data. The solver is not ready until the call ends, or for good if a library
+        raises. Returns the result of ``check`` for the program and arguments; if that raises, the solver is as it was.
+        """
         missing = self._missing
         if missing:
-            self._require(missing - given)
+            self._check_ready(missing - supplied)
         self._missing = AT_WORK  # no other thread runs between the test and this
         try:
             return check(self.program, *arguments)
@@ -149,8 +149,8 @@ class Adapter(Solver):
     def time_kernel(
         self, P: Matrix | None, q: Matrix, warm_start: Vector | None = None, most_ns: float = np.inf
     ) -> Timings:
-        """Take each P, unless it stays, and q and solve, timed; by default as ``solve()`` does, or from
-        ``warm_start``."""
+        """Time the update with each P, None if it is fixed, and q, and the solve after it, which starts as ``solve()``
+        does or from ``warm_start``."""
 
         def run(program: Program) -> tuple[int, Matrix | None, Matrix, Timings]:
             flat, qs, start = program.several(P, q, warm_start)
@@ -162,7 +162,7 @@ class Adapter(Solver):
             m = int(made[0])
             return status, flat, qs, (updates[:m], solves[:m], answers[:m])
 
-        status, P, q, timings = self._begin(run, given=frozenset({"q"}) if P is None else DATA)
+        status, P, q, timings = self._begin(run, supplied=frozenset({"q"}) if P is None else DATA)
         last = timings[0].size - 1
         self.remember(None if P is None else P[last], q[last], timings[2][last])
         self._verdict = UNSOLVED
@@ -178,7 +178,7 @@ class Adapter(Solver):
         """Return the answer with the multipliers of the problem's own rows, found if the solver says so; no answer if
         it returned none or NaN, and before a solve of the present data. ValueError as ``solve`` if the solver is not
         ready."""
-        self._require(self._missing)
+        self._check_ready(self._missing)
         if self._verdict not in (OK, CAPPED):
             return self.program.solution({"status": REASONS[self._verdict]})
         found, w, status, iterations, reported_us, more = self.report()
@@ -193,9 +193,9 @@ class LibrarySolver(Adapter):
     lane = Lane.DIRECT
     library: ClassVar[Backend]
     """By default, the entry of the file's name in :data:`solvers.backend.DIRECT`."""
-    reads_given_arrays: ClassVar[bool] = False
-    """Whether ``pass_data`` is all that the library needs of new data; then it gets the caller's arrays without a copy,
-    and only ``solution`` refers to them later."""
+    copies_data: ClassVar[bool] = False
+    """Whether the library copies new data in ``pass_data``; then it gets the caller's arrays themselves, and only
+    ``solution`` refers to them later."""
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -213,7 +213,7 @@ class LibrarySolver(Adapter):
     def setup(self, problem: Problem) -> None:
         """Refuse settings of a library that has none, and make the library's object."""
         if self.settings and not (self.library.tolerances or self.library.rung_settings or self.fixed_settings):
-            raise ValueError(f"{self.name} has no settings, so none is {', '.join(sorted(self.settings))}")
+            raise ValueError(f"{self.name} takes no settings, got {', '.join(sorted(self.settings))}")
         super().setup(problem)
 
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
@@ -226,7 +226,7 @@ class LibrarySolver(Adapter):
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
         """Pass P (d, d) and q (d,) on, of any strides; if the library refuses them, it must be set up again."""
-        self._begin(Program.set_data, P, q, not self.reads_given_arrays)
+        self._begin(Program.set_data, P, q, not self.copies_data)
         self._verdict = UNSOLVED
         if P is not None or q is not None:  # Clarabel panics at an update of nothing
             self.pass_data(None if P is None else self.program.P, None if q is None else self.program.q)

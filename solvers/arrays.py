@@ -26,7 +26,7 @@ def reals(name: str, values: ArrayLike) -> NDArray[np.float64]:
         array = np.empty(0, dtype=object)
     if array.dtype.kind not in "fiub":
         kind = type(values).__name__ if array.dtype == object else array.dtype
-        raise ValueError(f"{name} must be made of real numbers, and not of {kind}")
+        raise ValueError(f"{name} must hold real numbers, not {kind}")
     return np.asarray(array, dtype=np.float64, order="C")
 
 
@@ -37,7 +37,7 @@ def shaped(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.f
     else:
         array = reals(name, values)
     if array.shape != shape:
-        raise ValueError(f"{name} must be of shape {shape}, and not {array.shape}")
+        raise ValueError(f"{name}: expected shape {shape}, got {array.shape}")
     return array
 
 

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from solvers.adapter import Adapter, Program, Report, Stack
-from solvers.checks import require
+from solvers.checks import check_status
 from solvers.core import BUILT_WITH, CAPPED, OK, REASONS, UNSOLVED, bindings, block, field_views
 from solvers.protocol import DATA, SETUP, Lane, Matrix, Vector, box_duals
 
@@ -32,14 +32,14 @@ class Setting:
         if value is self.default:
             return value
         if isinstance(self.default, bool):
-            good, wanted = isinstance(value, bool | np.bool_), "True or False"
+            is_valid, expected = isinstance(value, bool | np.bool_), "True or False"
         else:
             number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-            good = number and bool(0 <= value <= self.most) and not (self.whole and value % 1)
-            wanted = f"a {'whole ' * self.whole}number "
-            wanted += f"from 0 to {self.most}" if self.most < np.inf else "and not negative"
-        if not good:
-            raise ValueError(f"{name} must be {wanted}, and it is {value!r}")
+            is_valid = number and bool(0 <= value <= self.most) and not (self.whole and value % 1)
+            limits = f"from 0 to {self.most}" if self.most < np.inf else "of at least 0"
+            expected = f"a {'whole ' * self.whole}number {limits}"
+        if not is_valid:
+            raise ValueError(f"{name} must be {expected}, not {value!r}")
         return int(value) if self.whole else value
 
 
@@ -88,8 +88,8 @@ class BuiltInSolver(Adapter):
             getattr(bindings, f"{self.core}_{what}") for what in ("bytes", "setup", "field_offsets")
         )
         self.state = block(size(p.d))
-        require(begin(self.state, p.lb, p.ub), f"{self.name}: ")
-        require(self.set_data(self.state, p.P, p.q), f"{self.name}: ", P=p.P, q=p.q)
+        check_status(begin(self.state, p.lb, p.ub), f"{self.name}: ")
+        check_status(self.set_data(self.state, p.P, p.q), f"{self.name}: ", P=p.P, q=p.q)
         self.field = field_views(self.state, offsets(self.state))
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
@@ -97,14 +97,14 @@ class BuiltInSolver(Adapter):
         try:
             status = self.set_data(self.state, P, q)
         except (TypeError, ValueError, BufferError):  # arrays of other types and layouts are converted
-            self._require(self._missing & SETUP)
+            self._check_ready(self._missing & SETUP)
             P, q = self.program.shaped(P, q)
             status = self.set_data(self.state, P, q)
         self._verdict = UNSOLVED
         if status or self._missing:
-            given = {name for name, array in (("P", P), ("q", q)) if array is not None}
-            self._missing = self._missing | given if status else self._missing - given
-            require(status, f"{self.name}: ", P=P, q=q)
+            supplied = {name for name, array in (("P", P), ("q", q)) if array is not None}
+            self._missing = self._missing | supplied if status else self._missing - supplied
+            check_status(status, f"{self.name}: ", P=P, q=q)
 
     def solve(self, warm_start: Vector | None = None) -> Vector:
         """Return the answer, shape (d,), that the next call may overwrite.
@@ -116,20 +116,20 @@ class BuiltInSolver(Adapter):
             unbounded below.
         """
         if self._missing:
-            self._require(self._missing)
+            self._check_ready(self._missing)
         if warm_start is None:
             self._verdict = self.run(self.state, self._warm)
         else:
             self._verdict = self.run_from(self.program.start(warm_start))
         if self._verdict:
-            require(self._verdict, f"{self.name}: ")
+            check_status(self._verdict, f"{self.name}: ")
         return self.x
 
     def accepted(self, status: int) -> int:
         """Not ready until other data come if the last ones are refused."""
         if status not in (OK, CAPPED):
             self._missing = DATA
-        require(status, f"{self.name}: ")
+        check_status(status, f"{self.name}: ")
         return status
 
     def report(self) -> Report:

@@ -165,7 +165,7 @@ def certify(problem: Problem, x: Vector, *, work: float = WORK) -> Certificate:
     x = finite("x", x, data.q.shape)
     budget = Work(work)
     shift, definite = data.convexity_shift(budget)
-    budget.found = "P is convex, and no active set has been tried"
+    budget.known = "P is convex, and no active set has been tried"
     program, factor = exact(data, shift)
     try:
         W, point = optimum(program, [program.positions[name] for name in data.guess(x)], budget)
@@ -199,9 +199,9 @@ def _check_shift(program: ExactProgram, factor: Rational, shift: float, x: Ratio
     """
     if shift == 0.0:
         return
-    part = fmpq(*shift.as_integer_ratio()) * (x.transpose() * x)[0, 0] / 2
+    shift_term = fmpq(*shift.as_integer_ratio()) * (x.transpose() * x)[0, 0] / 2
     linear = (x.transpose() * program.q)[0, 0] * factor
-    if part > SHIFT_SHARE * (abs(program.value(x) * factor - linear - part) + abs(linear)):
+    if shift_term > SHIFT_SHARE * (abs(program.value(x) * factor - linear - shift_term) + abs(linear)):
         raise RoundingDecides(
             f"P is indefinite by rounding, and only the shift of {shift:.1e} that makes it convex stops the cost from "
             "falling in a direction without curvature"
@@ -283,19 +283,19 @@ def exact_cost_gap(problem: Problem, certificate: Certificate, x: Vector, c: flo
     data = DoubleProblem.of(problem)
     x = finite("x", x, data.q.shape)
     if not math.isfinite(c):
-        raise ValueError(f"the constant term c is {c}")
+        raise ValueError(f"the constant term c must be finite, not {c}")
     if certificate.problem != data.fingerprint:
         raise NotCertified("proof line 1 (problem) fails: the certificate belongs to other data")
     program, factor = exact(data, certificate.convexity_shift)
-    given = column(x)
+    answer = column(x)
     if not (data.h.size or data.b.size):
         feasible = column(np.clip(x, data.lb, data.ub))
     else:
-        feasible = nearest_feasible_point(program, given)[1].x if program.violated(given) else given
+        feasible = nearest_feasible_point(program, answer)[1].x if program.violated(answer) else answer
     best, constant = fmpq(certificate.value), fmpq(*float(c).as_integer_ratio())
     gap = program.value(feasible) * factor - best
     if gap < 0:
         raise NotCertified(f"a feasible point costs {nearest_double(-gap):.3g} less than the certified optimum")
     scale = max(abs(best + constant), abs(constant) * fmpq(2) ** -52, fmpq(2) ** -1022)
-    moved = max(abs(entry) for entry in (given - feasible).entries())
+    moved = max(abs(entry) for entry in (answer - feasible).entries())
     return Gap(nearest_double(gap), nearest_double(gap / scale), nearest_double(moved))

@@ -67,7 +67,7 @@ def document(
     point = stored_point(program, certificate)
     value = program.value(point.x) * factor + _rational(constant)
     unique, other = _uniqueness(program, point, work)
-    found = {
+    contents = {
         "format": FORMAT,
         "problem": {name: _doubles(getattr(data, name)) for name in ("P", "q", "G", "h", "A", "b", "lb", "ub")},
         "constant": float(constant).hex(),
@@ -78,19 +78,19 @@ def document(
         "unique": unique,
     }
     if other is not None:
-        found["second_optimum"] = _texts(other)
+        contents["second_optimum"] = _texts(other)
     if answer is not None:
         x = column(finite("the answer", answer, data.q.shape))
         projection, nearest = nearest_feasible_point(program, x)
         distance, violation = (max(map(abs, (x - y).entries())) for y in (point.x, nearest.x))
-        found["answer"] = {
+        contents["answer"] = {
             "x": _doubles(np.asarray(answer, dtype=np.float64)),
             "nearest": _optimum(data, projection, nearest, fmpq(1)),
             "gap": str((program.value(nearest.x) - program.value(point.x)) * factor),
             "violation": str(violation),
             "distance": str(distance),
         }
-    return found
+    return contents
 
 
 def _rational(value: float) -> Rational:
@@ -108,7 +108,7 @@ def _texts(x: RationalColumn) -> list[str]:
 def _optimum(data: DoubleProblem, program: ExactProgram, point: Point, factor: Rational) -> dict[str, list[str]]:
     """x and the multipliers of every constraint, in the units of the data."""
     rows = {"G": data.G, "A": data.A}
-    found = {name: ["0"] * len(getattr(data, name)) for name in FIELDS.values()}
+    multipliers = {name: ["0"] * len(getattr(data, name)) for name in FIELDS.values()}
     for k, multiplier in point.multipliers.items():
         constraint = program.constraint(k)
         if multiplier == 0 or constraint.kind is Kind.PIN:
@@ -117,8 +117,8 @@ def _optimum(data: DoubleProblem, program: ExactProgram, point: Point, factor: R
         if constraint.a is not None:  # a is the row times a power of two
             j = next(j for j, entry in enumerate(constraint.a) if entry != 0)
             scale *= fmpq(constraint.a[j]) / _rational(rows[name][constraint.index, j])
-        found[name][constraint.index] = str(multiplier * scale)
-    return {"x": _texts(point.x), **found}
+        multipliers[name][constraint.index] = str(multiplier * scale)
+    return {"x": _texts(point.x), **multipliers}
 
 
 def _active(program: ExactProgram, point: Point) -> dict[str, list[int]]:

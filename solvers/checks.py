@@ -18,11 +18,11 @@ def finite(name: str, values: ArrayLike, shape: tuple[int, ...], absent: float |
     array = shaped(name, values, shape)
     refused = np.argwhere(~np.isfinite(array) & (array != absent)).tolist()
     if refused:
-        raise ValueError(f"{name}{refused[0]} is {array[tuple(refused[0])]}, and it must be a finite number")
+        raise ValueError(f"{name}{refused[0]} must be finite, not {array[tuple(refused[0])]}")
     return array
 
 
-def require(status: int, prefix: str = "", **data: Matrix | None) -> None:
+def check_status(status: int, prefix: str = "", **data: Matrix | None) -> None:
     """Raise ValueError unless the status is that of an answer or of good data; the data are those that it is about."""
     infinite = [name for name, array in data.items() if array is not None and not np.isfinite(array).all()]
     infinite += ["P scaled"] * (status == NOT_FINITE and bool(data))

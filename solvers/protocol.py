@@ -148,7 +148,7 @@ class Solver(ABC):
             f"by solvers.get({self.name!r}, **settings) and setup(problem)"
         )
 
-    def _require(self, missing: frozenset[str]) -> None:
+    def _check_ready(self, missing: frozenset[str]) -> None:
         """Raise ValueError if something is missing."""
         if missing:
             needed = "update of " * (missing <= {"P", "q"}) + " and ".join(sorted(missing))
@@ -203,14 +203,14 @@ def box(problem: Problem) -> tuple[Vector, Vector]:
     """Bounds lb, ub of a problem, shape (d,), infinite for a variable without one; ValueError for another shape or
     type, NaN, and a bound that nothing meets."""
     d = problem.q.size
-    given = (("lb", problem.lb, -np.inf), ("ub", problem.ub, np.inf))
-    lb, ub = (np.full(d, none) if side is None else finite(name, side, (d,), none).copy() for name, side, none in given)
+    sides = (("lb", problem.lb, -np.inf), ("ub", problem.ub, np.inf))
+    lb, ub = (np.full(d, none) if side is None else finite(name, side, (d,), none).copy() for name, side, none in sides)
     return lb, ub
 
 
 def only_box(problem: Problem, name: str) -> tuple[Vector, Vector]:
     """The bounds of a problem without general rows; :class:`Unsupported` if it has some."""
-    if any(part is not None for part in (problem.G, problem.h, problem.A, problem.b)):
+    if any(array is not None for array in (problem.G, problem.h, problem.A, problem.b)):
         raise Unsupported(f"{name} takes bounds only, and the problem has general rows")
     return box(problem)
 

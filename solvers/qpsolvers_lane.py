@@ -73,9 +73,9 @@ class QpsolversSolver(LibrarySolver):
 
     def report(self) -> Report:  # noqa: D102
         a, p, w = self._answer, self.program, np.zeros(self.rows.size)
-        for part, place in ((a.z_box, p.bounds), (a.y, p.equalities), (a.z, p.inequalities)):
-            if part is not None and np.size(part) == w[place].size:
-                w[place] = part
+        for dual, rows in ((a.z_box, p.bounds), (a.y, p.equalities), (a.z, p.inequalities)):
+            if dual is not None and np.size(dual) == w[rows].size:
+                w[rows] = dual
         count = _first_of(a.extras, "iterations", "iter", "num_iterations")
         status = str(_first_of(a.extras, "status", "infostring") or ("found" if a.found else "not found"))
         iterations = None if count is None else int(np.max(count))

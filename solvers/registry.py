@@ -155,15 +155,15 @@ def entries() -> Iterator[Entry]:
     """
     own = list(_own_entries())
     yield from own
-    taken = {(entry.name, entry.lane) for entry in own}
+    known = {(entry.name, entry.lane) for entry in own}
     for registered in importlib.metadata.entry_points(group=GROUP):
         entry = _registered(registered)
-        if (entry.name, entry.lane) in taken:
+        if (entry.name, entry.lane) in known:
             raise RegistrationError(
                 f"{_package(registered)} registers a solver {entry.name} in the lane {entry.lane}, which "
                 f"has one already"
             )
-        taken.add((entry.name, entry.lane))
+        known.add((entry.name, entry.lane))
         yield entry
     yield from _added
 
@@ -228,9 +228,9 @@ def add_file(path: str | Path) -> Entry:
 def find(name: str, lane: Lane | str | None = None) -> Entry:
     """The entry of that name in the given lane, by default in the fastest preferred one (the order of
     :class:`Lane`)."""
-    found = [entry for entry in entries() if entry.name == name and lane in (None, entry.lane)]
-    if found:
-        return min(found, key=lambda entry: entry.is_fallback)
+    matches = [entry for entry in entries() if entry.name == name and lane in (None, entry.lane)]
+    if matches:
+        return min(matches, key=lambda entry: entry.is_fallback)
     place = "" if lane is None else f" in the lane {Lane(lane).value!r}"
     raise KeyError(f"there is no solver {name!r}{place}; known are {', '.join(sorted({e.name for e in entries()}))}")
 

@@ -22,7 +22,7 @@ from qpsolvers import Problem, Solution
 from scipy.sparse import csc_matrix
 
 from solvers.arrays import Mask, shaped
-from solvers.checks import finite, require
+from solvers.checks import check_status, finite
 from solvers.core import CROSSED, bindings
 from solvers.protocol import Matrix, Vector, box, dense
 
@@ -53,14 +53,14 @@ class Program:
     Unsupported
         The problem has no variables.
     ValueError
-        An array is not as :mod:`solvers.checks` asks for.
+        An array fails a check of :mod:`solvers.checks`.
     """
 
     def __init__(self, problem: Problem) -> None:
         self.P, self.q = dense(problem)
         self.d = d = self.q.size
         lb, ub = box(problem)
-        require(CROSSED if np.any(lb > ub) else bindings.check_data(self.q, self.P, None))
+        check_status(CROSSED if np.any(lb > ub) else bindings.check_data(self.q, self.P, None))
         A, b = dense_rows(problem, "A", "b")
         G, h = dense_rows(problem, "G", "h", np.inf)
         self._finite: Mask = h < np.inf  # the other rows of G are no constraints
@@ -97,14 +97,14 @@ class Program:
         except (TypeError, ValueError, BufferError):  # arrays of other types and layouts are converted
             return self.set_data(*self.shaped(P, q), copy)
         if status:
-            require(status, P=P, q=q)
+            check_status(status, P=P, q=q)
         if not copy:
             self.P, self.q = self.P if P is None else P, self.q if q is None else q
 
     def shaped(self, P: ArrayLike | None, q: ArrayLike | None) -> tuple[Matrix | None, Vector | None]:
         """P (d, d) and q (d,) as contiguous doubles, None for data that stay; ValueError for another shape or type."""
-        given = (("P", P, self.P), ("q", q, self.q))
-        P, q = (None if new is None else shaped(name, new, old.shape) for name, new, old in given)
+        arrays = (("P", P, self.P), ("q", q, self.q))
+        P, q = (None if new is None else shaped(name, new, old.shape) for name, new, old in arrays)
         return P, q
 
     def several(
@@ -113,7 +113,7 @@ class Program:
         """P (n, d, d) or None, q (n, d) and a start (d,) as contiguous doubles, checked."""
         count, d = len(np.atleast_1d(q)), self.d
         P, q = None if P is None else shaped("P", P, (count, d, d)), shaped("q", q, (count, d))
-        require(bindings.check_all(P, q), P=P, q=q)
+        check_status(bindings.check_all(P, q), P=P, q=q)
         return P, q, self.start(start)
 
     def start(self, warm_start: Any) -> Vector | None:
@@ -153,7 +153,7 @@ class Program:
 class Stack:
     """The whole stack of rows, or a selection of them."""
 
-    _kept: Any = slice(None)
+    _selection: Any = slice(None)
     _signs: Any = 1.0
 
     def __init__(self, program: Program) -> None:
@@ -162,7 +162,7 @@ class Stack:
     def scatter(self, w: Vector) -> Vector:
         """The multipliers of the stack from those of these rows, shape (k,), with w ≥ 0 for inequalities s ≥ 0."""
         whole = np.zeros(self.size)
-        np.add.at(whole, self._kept, self._signs * w)  # both sides of a row may be among them
+        np.add.at(whole, self._selection, self._signs * w)  # both sides of a row may be among them
         return whole
 
 
@@ -171,8 +171,8 @@ class Intervals(Stack):
 
     def __init__(self, program: Program) -> None:
         super().__init__(program)
-        self._kept = np.isfinite(program.l) | np.isfinite(program.u)
-        self.R, self.l, self.u = program.R[self._kept], program.l[self._kept], program.u[self._kept]
+        self._selection = np.isfinite(program.l) | np.isfinite(program.u)
+        self.R, self.l, self.u = program.R[self._selection], program.l[self._selection], program.u[self._selection]
 
 
 class Cones(Stack):
@@ -186,10 +186,10 @@ class Cones(Stack):
         # With a fixed variable as two inequalities, the feasible set would have no interior.
         equal = program.l == program.u
         kinds = equal, np.isfinite(program.u) & ~equal, np.isfinite(program.l) & ~equal
-        self._kept = np.concatenate([np.flatnonzero(kind) for kind in kinds])
+        self._selection = np.concatenate([np.flatnonzero(kind) for kind in kinds])
         self._signs = np.repeat([1.0, 1.0, -1.0], [kind.sum() for kind in kinds])
-        self.R = self._signs[:, None] * program.R[self._kept]
-        self.r = self._signs * np.where(self._signs > 0.0, program.u[self._kept], program.l[self._kept])
+        self.R = self._signs[:, None] * program.R[self._selection]
+        self.r = self._signs * np.where(self._signs > 0.0, program.u[self._selection], program.l[self._selection])
         self.equal = int(equal.sum())
         self.unequal = self.r.size - self.equal
 
@@ -237,7 +237,7 @@ def dense_rows(problem: Problem, left: str, right: str, absent: float | None = N
     for numbers that are not finite, except for the value of an absent row, and for shapes that do not fit."""
     matrix, sides, d = getattr(problem, left), getattr(problem, right), problem.q.size
     if (matrix is None) != (sides is None):
-        raise ValueError(f"{left} and {right} come together, and the problem has one of them alone")
+        raise ValueError(f"the problem has only one of {left} and {right}")
     if matrix is None:
         return np.zeros((0, d)), np.zeros(0)
     rows, r = np.atleast_2d(matrix if isinstance(matrix, np.ndarray) else matrix.toarray()), np.ravel(sides)

@@ -64,8 +64,8 @@ def command_line(imported: Collection[str] = tuple(VERBS)) -> typer.Typer:
     return app
 
 
-def _print_version(is_given: bool) -> None:
-    if is_given:
+def _print_version(requested: bool) -> None:
+    if requested:
         typer.echo(f"piezobench {installed_version('piezobench')}")
         raise typer.Exit
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any, cast
 
 import typer
 
-from bench.cli.options import AsJson, NoDynamics, RateLimit, XStart, check_writable, grouped, positive, require
+from bench.cli.options import AsJson, NoDynamics, RateLimit, XStart, check_option, check_writable, grouped, positive
 from bench.export import building, c_source, fmu, realtime
 from bench.export.settings import EXACT_SOLVER, SOLVERS, Exported, ExportError, ExportSettings, LoopSolver, Precision
 from bench.report.console import console, errors, plain_json, print_result
@@ -102,7 +102,7 @@ def export_fmu_verb(
     """Write the compensator as a Co-Simulation FMU, with a binary for this machine and the source."""
 
     loaded, settings = _opened(model, no_dynamics, part="compensator", **drive)
-    require(out.suffix == ".fmu", "out", f"{out} does not end in .fmu")
+    check_option(out.suffix == ".fmu", "out", f"{out} does not end in .fmu")
     if out.exists():
         raise ExportError(f"{out} already exists; name a new file")
     check_writable(out, "out")
@@ -141,17 +141,17 @@ def realtime_verb(
     bounds = sorted({bound for count in counts.values() for bound in count})
     times = [(name, *tail_cells(us, digits=2)) for name, us in result.times_us.items()]
     octaves = [(f"{bound:g}", *(str(count.get(bound, 0)) for count in counts.values())) for bound in bounds]
-    asked = {"memory": "locking memory", "core": "pinning to a core", "fifo": "SCHED_FIFO"}
+    guarantees = {"memory": "locking memory", "core": "pinning to a core", "fifo": "SCHED_FIFO"}
     lines = [
-        f"{step.missed} of {step.response_ns.size} deadlines at {step.rate_Hz:g} Hz missed; of a step that "
-        f"does nothing, {result.null.missed}.",
+        f"{step.missed} of {step.response_ns.size} deadlines at {step.rate_Hz:g} Hz missed, and "
+        f"{result.null.missed} by a step that does nothing.",
         f"New weights came late {step.allowed['late']} times, and {step.allowed['dropped']} blocks of samples were "
-        "left out."
+        "dropped."
         if settings.learning
         else "",
         *(
-            f"Without {asked[what]}: {step.allowed.get(what, 'not asked for')}."
-            for what in asked
+            f"Without {guarantees[what]}: {step.allowed.get(what, 'not asked for')}."
+            for what in guarantees
             if step.allowed.get(what) != "yes"
         ),
         f"Figures: {out}" if out else "",
@@ -181,7 +181,7 @@ def _opened(
     model, deployed = deployment.open_model(path)
     model = model.static if no_dynamics else model
     part = part or ("learning" if deployed else "compensator")
-    require(
+    check_option(
         part == "learning" or not (solver or mode),
         "--solver" if solver else "--mode",
         "is for --part learning; a compensator alone does not learn",
@@ -194,5 +194,5 @@ def _opened(
     model = model if rate is None else model.at(1.0 / rate)
     lowest, highest = deployed.x_limits if deployed else model.structure.x_range
     limits = (lowest if low is None else low, highest if high is None else high)
-    given = {name: value for name, value in options.items() if value is not None}
-    return model, ExportSettings(part=part, solver=solver, mode=mode, x_limits=limits, **given)
+    chosen = {name: value for name, value in options.items() if value is not None}
+    return model, ExportSettings(part=part, solver=solver, mode=mode, x_limits=limits, **chosen)

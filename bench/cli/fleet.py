@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from bench.cli.app import as_typed
-from bench.cli.options import WORKERS, refuse, require
+from bench.cli.options import WORKERS, check_option, refuse
 from bench.fleet import fleet, report
 from bench.fleet.jobs import Identifying, Job
 from bench.processes.engine import Workers, started
@@ -31,7 +31,7 @@ MOST_REFUSED = 12
 
 def only(context: typer.Context, recordings: Sequence[str], out_dir: str | None) -> None:
     """Refuse several recordings in a call without --out-dir, and options for many."""
-    require(
+    check_option(
         out_dir is None and len(recordings) < 2, "--out", "is for one result, and --out-dir for one of each recording"
     )
     refuse(context, WORKERS, "is for many recordings, with --out-dir")
@@ -55,7 +55,7 @@ def process(
             if isinstance(job, Identifying)
             else "Missing option '--out-dir' for one of each recording"
         )
-    require(page is None, "--page", "is for one recording")
+    check_option(page is None, "--page", "is for one recording")
     workers.check()
     out = fleet.local(out_dir)
     items = fleet.items_of(job, fleet.matching(recordings), out)

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from bench.cli.options import NoDynamics, check_writable, require
+from bench.cli.options import NoDynamics, check_option, check_writable
 from bench.live.device import Declared, SimulatedStage, stage_of
 from bench.live.session import run, stream_beside
 from bench.live.settings import REFERENCES, Learn, LiveSettings, first_model
@@ -69,25 +69,25 @@ def live_verb(
 
     At the end, after an error too, the drive ramps to rest at the stage's rate limit.
     """
-    require(
+    check_option(
         (simulate is None) != (device is None),
         "--simulate KIND | --device STAGE.py",
         "give either a simulated actuator or the file of a stage",
     )
     values = zip(REFERENCES, (reference, sine_words, set_point), strict=True)
-    given = {option: value for option, value in values if value is not None}
-    named = [*given][:2]
-    require(len(given) < 2, "".join(named[1:]), f"{' and '.join(named)} are two references, and one can be followed")
+    references = {option: value for option, value in values if value is not None}
+    named = [*references][:2]
+    check_option(len(references) < 2, "".join(named[1:]), f"give one reference, not {' and '.join(named)}")
     if record is not None:
-        require(
+        check_option(
             record.suffix == ".parquet",
             "--record",
             f"{record} is written as Parquet, so its name must end in .parquet",
         )
         check_writable(record, "--record", [reference, model])
         stream, move = stream_beside(record), f"move it away, or choose another name than {record.name}"
-        require(not record.exists(), "--record", f"{record}: is a recording; {move}")
-        require(not stream.exists(), "--record", f"{stream}: was left by a run that did not come to its end; {move}")
+        check_option(not record.exists(), "--record", f"{record}: is a recording; {move}")
+        check_option(not stream.exists(), "--record", f"{stream}: was left by an unfinished run; {move}")
     make = (
         partial(SimulatedStage, simulate, 1.0 / rate) if simulate is not None else partial(stage_of, Path(str(device)))
     )
@@ -100,7 +100,7 @@ def live_verb(
         if simulate
         else {"--set-point": 0.5 * (low + high)}
     )
-    ((option, value),) = (given or default).items()
+    ((option, value),) = (references or default).items()
     samples, words = REFERENCES[option](value, declared.output_unit, declared.y_range, 1.0 / rate)
     settings = LiveSettings(
         make, name, declared, first, model is not None, learn, integral_gain, samples, words, rate, seconds

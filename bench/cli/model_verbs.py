@@ -18,6 +18,7 @@ from bench.cli.options import (
     Start,
     StartOfModel,
     XStart,
+    check_option,
     check_writable,
     files_of,
     grouped,
@@ -26,7 +27,6 @@ from bench.cli.options import (
     reads_a_recording,
     recording_of,
     refuse,
-    require,
 )
 from bench.fleet import jobs
 from bench.fleet.fleet import local, matching
@@ -114,7 +114,7 @@ def identify_verb(
         return
     only(context, (), out_dir)
     places: list[Path | None] = [*map(Path, matching(recording or ()))] or [file]
-    require(page is None or len(places) == 1, "--page", "is for one recording; draw each with validate --page")
+    check_option(page is None or len(places) == 1, "--page", "is for one recording; draw each with validate --page")
     files = [path for place in places for path in files_of(place, reading)]
     check_writable(out, others=files)
     check_writable(page, "--page", [*files, out])
@@ -164,12 +164,12 @@ def _rates(text: str | None) -> tuple[float, ...] | None:
     if text.strip().lower() in ("", "none"):
         return ()
     try:
-        rates = tuple(float(part) for part in text.split(","))
+        rates = tuple(float(rate) for rate in text.split(","))
     except ValueError:
         raise typer.BadParameter(
             f"{text!r} is not a list of numbers separated by commas", param_hint="--rates"
         ) from None
-    require(all(rate > 0.0 for rate in rates), "--rates", f"{text!r} has a rate that is not positive")
+    check_option(all(rate > 0.0 for rate in rates), "--rates", f"{text!r} has a rate that is not positive")
     return rates
 
 
@@ -234,14 +234,14 @@ def simulate_verb(
     check_writable(out, others=[drive, model])
     loaded, _ = deployment.open_model(model)
     read = recordings.read_reference(drive, role="input", **reading)
-    given = read.suited(loaded.structure.input_unit, "input")
+    signal = read.suited(loaded.structure.input_unit, "input")
     with checks.refusing(ModelError, f"{model} with {drive}: "):
         loaded = loaded.at(read.sample_time)
     s = loaded.structure
     state, began = loaded.initial_state(start), start or ("rest" if loaded.start is None else "recording")
-    y = loaded.simulate(given.values, state)
+    y = loaded.simulate(signal.values, state)
     names = (f"{name}_{unit}" if unit else name for name, unit in (("drive", s.input_unit), ("output", s.output_unit)))
-    columns = {"time_s": np.arange(y.size) * given.sample_time, **dict(zip(names, (given.values, y), strict=True))}
+    columns = {"time_s": np.arange(y.size) * signal.sample_time, **dict(zip(names, (signal.values, y), strict=True))}
     recordings.write_table(out, columns, loaded.warning)
     lowest, highest = y.min(), y.max()
     document = {
@@ -251,13 +251,13 @@ def simulate_verb(
         "highest": highest,
         "unit": s.output_unit,
         "start": began,
-        "units": given.units,
+        "units": signal.units,
         "forced": loaded.warning,
     }
     lines = [
         read.describe("input"),
         loaded.warning,
-        given.units,
+        signal.units,
         STARTS[began].format(quantity(s.x_centre + s.x_scale * state.play[0], s.input_unit)),
         f"{y.size} samples of output from {quantity(lowest, s.output_unit)} to {quantity(highest, s.output_unit)}.",
         f"Output: {out}",
@@ -311,7 +311,7 @@ def compensate_verb(
     """Compute the drive that makes the actuator follow a reference, or one for each of many."""
     if start == "recording":
         refuse(context, ("x_start",), "is for --start rest; the states of the recording say where the drive starts")
-    require(dynamics or not preview, "--preview", "inverts the dynamics, which --no-dynamics leaves out")
+    check_option(dynamics or not preview, "--preview", "inverts the dynamics, which --no-dynamics leaves out")
     job = jobs.Compensating(str(local(model)), reading, low, high, rate_limit, start, x_start, dynamics, preview)
     if out is None:
         process(job, reference, out_dir, workers, "gave a drive", as_json)

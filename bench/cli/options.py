@@ -33,9 +33,9 @@ def grouped(group: str, options: Mapping[str, Any], make: Callable[..., Any] = d
         parameters = [*(parameter for name, parameter in signature.parameters.items() if name != group), *added]
 
         @functools.wraps(verb)
-        def wrapped(**given: Any) -> None:
-            made = make(**{name: given.pop(name) for name in options})
-            verb(**given, **{group: made})
+        def wrapped(**arguments: Any) -> None:
+            made = make(**{name: arguments.pop(name) for name in options})
+            verb(**arguments, **{group: made})
 
         wrapped.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
         wrapped.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
@@ -47,36 +47,36 @@ def grouped(group: str, options: Mapping[str, Any], make: Callable[..., Any] = d
 def refuse(context: typer.Context, options: Container[str], why: str) -> None:
     """Refuse the call if one of these parameters of the verb is on the command line, even with its default value;
     ``why`` follows its name."""
-    for each in context.command.params:
-        source = context.get_parameter_source(str(each.name))
-        if each.name in options and source is not None and source.name == "COMMANDLINE":
-            raise typer.BadParameter(why, param_hint=each.opts[0])
+    for parameter in context.command.params:
+        source = context.get_parameter_source(str(parameter.name))
+        if parameter.name in options and source is not None and source.name == "COMMANDLINE":
+            raise typer.BadParameter(why, param_hint=parameter.opts[0])
 
 
-def require(condition: bool, option: str, why: str) -> None:
+def check_option(condition: bool, option: str, why: str) -> None:
     """Refuse a call that does not meet a condition; ``why`` follows the name of the option."""
     if not condition:
         raise typer.BadParameter(why, param_hint=option)
 
 
 def check_writable(out: Path | None, option: str = "--out", others: Iterable[str | Path | None] = ()) -> None:
-    """Refuse an output file, if one is given, that cannot be written, or that is another of the call's files or in one
-    of its folders, before the work starts."""
+    """Refuse an output file that cannot be written, or that is another of the call's files or in one of its folders,
+    before the work starts."""
     if out is None:
         return
     written = Path(os.path.realpath(out))
-    for other in (each for each in others if each is not None):
+    for other in (path for path in others if path):
         read = Path(os.path.realpath(other))
-        require(written != read, option, f"{out} is another file of this command; name a new one")
+        check_option(written != read, option, f"{out} is another file of this command; name a new one")
         inside = read.is_dir() and written.is_relative_to(read)
-        require(not inside, option, f"{out} is in {other}, which this command reads; name a file elsewhere")
-    require(out.parent.is_dir(), option, f"the folder {out.parent} does not exist")
-    require(  # writing would replace it, even /dev/null
+        check_option(not inside, option, f"{out} is in {other}, which this command reads; name a file elsewhere")
+    check_option(out.parent.is_dir(), option, f"the folder {out.parent} does not exist")
+    check_option(  # writing would replace it, even /dev/null
         out.is_file() or not out.exists(),
         option,
-        f"{out} is {'a folder' if out.is_dir() else 'no ordinary file'}",
+        f"{out} is {'a folder' if out.is_dir() else 'not a regular file'}",
     )
-    require(os.access(out.parent, os.W_OK), option, f"nothing may be written into the folder {out.parent}")
+    check_option(os.access(out.parent, os.W_OK), option, f"the folder {out.parent} is not writable")
 
 
 def installed(name: str) -> str:
@@ -91,7 +91,7 @@ def installed(name: str) -> str:
 
 
 def positive(value: float | None) -> float | None:
-    """Callback of an option: a positive finite number, or None if the option is not given."""
+    """Callback of an option: a positive finite number, or None if the option is not set."""
     if value is not None and not 0.0 < value < math.inf:
         raise typer.BadParameter(f"must be positive, not {value:g}")
     return value
@@ -262,25 +262,25 @@ NoDynamics = Annotated[
 
 
 def opening(**values: Any) -> dict[str, Any]:
-    """The options that are given as keywords of ``Recording.open``, which takes no ``sample_rate``."""
-    given = {name: value for name, value in values.items() if value is not None}
-    rate = given.pop("sample_rate", None)
+    """The options that are set, as keywords of ``Recording.open``, which takes no ``sample_rate``."""
+    chosen = {name: value for name, value in values.items() if value is not None}
+    rate = chosen.pop("sample_rate", None)
     if rate is not None:
-        require(
-            "sample_time" not in given and rate > 0.0, "--sample-rate", "give either a positive rate or --sample-time"
+        check_option(
+            "sample_time" not in chosen and rate > 0.0, "--sample-rate", "give either a positive rate or --sample-time"
         )
-        given["sample_time"] = 1.0 / rate
-    return given
+        chosen["sample_time"] = 1.0 / rate
+    return chosen
 
 
 def set_options(**values: Any) -> dict[str, str]:
-    """The options that are given as texts, the form in which a problem set takes them."""
-    given = opening(**values)
-    if "recording" not in given and {"input", "output"} <= given.keys():
+    """The options that are set, as texts, the form in which a problem set takes them."""
+    chosen = opening(**values)
+    if "recording" not in chosen and {"input", "output"} <= chosen.keys():
         from bench.problems.recorded import TWO_FILES
 
-        given |= {"recording": TWO_FILES, **{name: os.path.abspath(given[name]) for name in ("input", "output")}}
-    return {name: str(value.resolve() if isinstance(value, Path) else value) for name, value in given.items()}
+        chosen |= {"recording": TWO_FILES, **{name: os.path.abspath(chosen[name]) for name in ("input", "output")}}
+    return {name: str(value.resolve() if isinstance(value, Path) else value) for name, value in chosen.items()}
 
 
 reads_a_recording = grouped("reading", RECORDING, opening)

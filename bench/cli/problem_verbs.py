@@ -75,11 +75,11 @@ def problems_verb(
             "needs problems; name a --set, or a folder with --from",
         )
         sets = [(name, _count(cls), cls.description) for name, cls in sorted(all_sets().items())]
-        of_sets = ("set", "problems", "what it is for")
+        of_sets = ("set", "problems", "purpose")
         print_result(by_heading(of_sets, sets), [], as_json, (of_sets, sets, 3))
         return
     if source is not None:
-        refuse(context, ("seed", *OPTIONS), "is for making problems, and those in the folder --from are made")
+        refuse(context, ("seed", *OPTIONS), "is for generated problems, and those in the folder --from already exist")
     elif problem_set is not None:
         check_options([problem_set], options)
     problems, left_out, total = _problems(problem_set, source, seed, options)
@@ -175,17 +175,17 @@ def certify_verb(
     program = read(problem)
     x = None if answer is None else npz.read_answer(answer, program.qp.q.size)
     try:
-        found = isolated(certified, program.qp, program.constant, x, work)
+        proof = isolated(certified, program.qp, program.constant, x, work)
     except OutOfWork as error:
         print(f"piezobench certify: {problem}: {error}", file=sys.stderr)
         raise typer.Exit(UNDECIDED) from None
     except certificate.NotCertified as error:
         raise ProblemFileError(f"{problem}: {error}") from None
     if out is not None:
-        write_text(out, json.dumps(found))
+        write_text(out, json.dumps(proof))
     if program.sense < 0.0:
-        found["objective"] = {"sense": "max", "value": str(-Fraction(found["optimum"]["value"]))}
-    print_result(found, [*_sentences(found), f"Certificate: {out}" if out else ""], as_json)
+        proof["objective"] = {"sense": "max", "value": str(-Fraction(proof["optimum"]["value"]))}
+    print_result(proof, [*_sentences(proof), f"Certificate: {out}" if out else ""], as_json)
 
 
 def certified(qp: Problem, constant: float, answer: Vector | None, work: float) -> dict[str, Any]:
@@ -195,15 +195,15 @@ def certified(qp: Problem, constant: float, answer: Vector | None, work: float) 
     return certificate_document.document(qp, proof, constant=constant, answer=answer, work=work)
 
 
-def _sentences(found: dict[str, Any]) -> list[str]:
-    optimum, rounded = found["optimum"], found["rounded"]
-    shift = float.fromhex(found["shift"])
+def _sentences(proof: dict[str, Any]) -> list[str]:
+    optimum, rounded = proof["optimum"], proof["rounded"]
+    shift = float.fromhex(proof["shift"])
     exactly = f", exactly {optimum['value']}" if len(optimum["value"]) <= len(rounded["value"]) else ""
     shifted = f", of P + {shift:.0e} I, since P is indefinite by rounding" if shift else ""
-    active = [f"{name} {', '.join(map(str, tight))}" for name, tight in found["active"].items() if tight]
+    active = [f"{name} {', '.join(map(str, tight))}" for name, tight in proof["active"].items() if tight]
     unique = {"yes": "is the only one", "no": "is not the only one", "undecided": "may not be the only one"}
     beginning = "The least cost"
-    if "objective" in found:
+    if "objective" in proof:
         greatest = -float(rounded["value"])
         beginning = (
             f"The objective is maximised, and its greatest value is {greatest!r}. The least cost of its negative"
@@ -211,10 +211,10 @@ def _sentences(found: dict[str, Any]) -> list[str]:
     lines = [
         f"{beginning} is {rounded['value']}{exactly}{shifted}; this is proved in exact arithmetic.",
         f"x* = ({', '.join(rounded['x'])})." if len(rounded["x"]) <= SHOWN else "",
-        f"x* {unique[found['unique']]}; tight at x*: {'; '.join(active) or 'no constraint'}.",
+        f"x* {unique[proof['unique']]}; tight at x*: {'; '.join(active) or 'no constraint'}.",
     ]
-    if "answer" in found:
-        gap, violation, distance = (float(Fraction(found["answer"][key])) for key in ("gap", "violation", "distance"))
+    if "answer" in proof:
+        gap, violation, distance = (float(Fraction(proof["answer"][key])) for key in ("gap", "violation", "distance"))
         lines.append(
             f"The answer breaks the constraints by {violation:.3g} at most; the feasible point nearest to it costs "
             f"{gap:.3g} more than the optimum. Its largest distance from x* in one variable is {distance:.3g}."

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
-from bench.cli.options import SET_OPTIONS, AsJson, Seed, grouped, on_workers, require, set_options
+from bench.cli.options import SET_OPTIONS, AsJson, Seed, check_option, grouped, on_workers, set_options
 from bench.messages.task import RaceError
 from bench.problems import ProblemSetError
 from bench.processes import engine, forked_child, solver_child
@@ -44,15 +44,15 @@ NUMBERS: dict[str, Any] = {
     field.name: Annotated[
         type(field.default) | None,
         typer.Option(
-            said["flag"] or f"--{field.name.replace('_', '-')}",
-            metavar=said["metavar"],
-            min=said["least"],
-            max=said["most"],
-            help=f"{said['help']}; {field.default:g} by default.",
+            metadata["flag"] or f"--{field.name.replace('_', '-')}",
+            metavar=metadata["metavar"],
+            min=metadata["least"],
+            max=metadata["most"],
+            help=f"{metadata['help']}; {field.default:g} by default.",
         ),
     ]
     for field in fields(RaceSettings)
-    if "help" in (said := field.metadata)
+    if "help" in (metadata := field.metadata)
 }
 """Options that the settings of a race declare."""
 
@@ -135,7 +135,7 @@ def race_verb(
     the exponent of its finest setting says if that is more.
     """
     sets = problem_sets or [name for name, option in FILE_OF.items() if option in options]
-    given: dict[str, Any] = {
+    chosen: dict[str, Any] = {
         "problem_sets": sets,
         "problems": problems,
         "solvers": [text for text in solvers or () if not text.endswith(".py")],
@@ -146,12 +146,12 @@ def race_verb(
         "seed": seed,
         "effort": Effort(budget_s=budget),
         "set_options": options,
-        "given": _given(settings or []),
+        "given": _settings_by_solver(settings or []),
         **own,
     }
     values: dict[str, Any] = {
         name: tuple(value) if isinstance(value, list) else value
-        for name, value in given.items()
+        for name, value in chosen.items()
         if value not in (None, [])
     }
     made = RaceSettings(**values)
@@ -166,18 +166,18 @@ def race_verb(
             raise
 
 
-def _given(texts: Sequence[str]) -> dict[str, str]:
+def _settings_by_solver(texts: Sequence[str]) -> dict[str, str]:
     """Settings by solver, as JSON; refused if they are no JSON or given twice."""
-    given: dict[str, str] = {}
-    for solver, _, text in (each.partition("=") for each in texts):
-        require(solver not in given, "--settings", f"{solver}: takes one setting, and is given several")
+    by_solver: dict[str, str] = {}
+    for solver, _, text in (setting.partition("=") for setting in texts):
+        check_option(solver not in by_solver, "--settings", f"{solver}: takes one setting, got several")
         try:
             decoded(text, dict[str, Any])
         except ValueError as error:
             why = f"{solver}: must be SOLVER={{...}} with settings in JSON: {error}"
             raise typer.BadParameter(why, param_hint="--settings") from None
-        given[solver] = text
-    return given
+        by_solver[solver] = text
+    return by_solver
 
 
 @on_workers

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from bench.cli.options import AsJson, check_writable, positive, reads_a_recording, recording_of, require
+from bench.cli.options import AsJson, check_option, check_writable, positive, reads_a_recording, recording_of
 from bench.report.console import console, print_json, print_result, print_table
 from piezo_model import checks, signals
 from piezo_model.recordings import Recording, RecordingError, opening, write_table
@@ -34,10 +34,10 @@ def excite_verb(
     check_writable(out)
     check_writable(page, "--page", [out])
     low, high = _limits(span)
-    require(
+    check_option(
         rate * seconds <= MOST_SAMPLES,
         "--rate, --seconds",
-        f"{rate * seconds:.3g} samples are more than the {MOST_SAMPLES:.0e} of the longest drive",
+        f"{rate * seconds:.3g} samples exceed the limit of {MOST_SAMPLES:.0e}",
     )
     try:
         drive = signals.excitation(duration_s=seconds, sample_time=1.0 / rate, low=low, high=high)
@@ -84,7 +84,7 @@ def inspect_verb(
     table = (
         opening.joined(reading["input"], reading["output"], reading.get("time"), options)[0]
         if recording is None
-        else opening.open_table(recording, {each: reading.get(each) for each in ("time", "input", "output")}, options)
+        else opening.open_table(recording, {role: reading.get(role) for role in ("time", "input", "output")}, options)
     )
     refused, opened = None, None
     try:
@@ -119,7 +119,7 @@ def inspect_verb(
         print_table(
             ("column", "name", "unit", "from", "to", "role"),
             [(str(c["number"]), str(c["name"]), shown(str(c["unit"])), *_range(c), str(c["role"])) for c in columns],
-            left=2,
+            left_aligned=2,
         )
     if refused:
         raise refused
@@ -131,7 +131,7 @@ def _columns(table: Table, opened: Recording | None) -> list[dict[str, object]]:
     spans = {} if opened is None else {"input": opened.x_range, "output": opened.y_range}
     if opened is None:
         try:
-            found = table.profiles(
+            profiles = table.profiles(
                 [
                     k
                     for k, column in enumerate(table.columns)
@@ -139,8 +139,8 @@ def _columns(table: Table, opened: Recording | None) -> list[dict[str, object]]:
                 ],
             )
         except RecordingError:  # reported at the end
-            found = {}
-        ranges = {k: (profile.low, profile.high) for k, profile in found.items()}
+            profiles = {}
+        ranges = {k: (profile.low, profile.high) for k, profile in profiles.items()}
     else:
         ranges = {k: spans[roles[name]] for k, name in enumerate(table.names) if roles.get(name) in spans}
     return [

@@ -8,7 +8,7 @@ import typer
 
 from bench import problems, verification
 from bench.cli import FAILED, UNDECIDED
-from bench.cli.options import AsJson, NoDynamics, Seed, check_writable, refuse, require
+from bench.cli.options import AsJson, NoDynamics, Seed, check_option, check_writable, refuse
 from bench.comparison import report as comparison_report
 from bench.comparison import versions
 from bench.comparison.compare import FASTER, SAME, SLOWER, SMALLEST, compare_runs
@@ -31,15 +31,15 @@ def verify_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")],
     It shows that accuracies follow from the stored answers; not who gave them, nor that times and statuses are true.
     """
     with progress_bar() as progress:
-        found = verification.verify_run(open_run(run), progress)
-    if found.wrong:
-        more = f", and {len(found.wrong) - 1} more" if len(found.wrong) > 1 else ""
-        raise RunError(f"{run} does not agree with its answers: {found.wrong[0]}{more}")
+        verified = verification.verify_run(open_run(run), progress)
+    if verified.wrong:
+        more = f", and {len(verified.wrong) - 1} more" if len(verified.wrong) > 1 else ""
+        raise RunError(f"{run} does not agree with its answers: {verified.wrong[0]}{more}")
     lines = [
-        f"{found.rows} rows: {found.first} first and {found.timed} timed answers were judged again against "
-        f"{found.proofs} replayed proofs, and all give the stored gaps, violations and errors of the model."
+        f"{verified.rows} rows: {verified.first} first and {verified.timed} timed answers were judged again against "
+        f"{verified.proofs} replayed proofs, and all give the stored gaps, violations and errors of the model."
     ]
-    print_result(vars(found), lines, as_json)
+    print_result(vars(verified), lines, as_json)
 
 
 def compare_verb(
@@ -78,25 +78,25 @@ def compare_verb(
     versions are; runs without a row in common are refused. Times differ only if the change exceeds the noise between
     the runs, and where a change that matters could have gone unseen, the comparison says so.
     """
-    require(smallest > 1.0, "--smallest", f"a change of times is a ratio above 1, and not {smallest:g}")
+    check_option(smallest > 1.0, "--smallest", f"must be a ratio above 1, not {smallest:g}")
     if versions:
         refuse(context, ("out",), "is for runs; a comparison of versions prints its result")
         raise typer.Exit(_compare_versions(runs, problem_set, seed, smallest, fail_on, as_json))
     refuse(context, ("problem_set", "seed"), "needs --versions")
-    require(len(runs) >= 2, "RUN", "a comparison needs two runs or more")
+    check_option(len(runs) >= 2, "RUN", "a comparison needs two runs or more")
     opened = [open_run(path) for path in runs]
     with progress_bar() as progress:
         progress("comparing", 0, 1)
         compared = compare_runs(opened, smallest)
-        found, name = (
+        result, name = (
             comparison_report.report(compared),
             "-".join(["compare", *(run.path.resolve().name for run in opened)]),
         )
-        page = comparison_report.write(compared, found, runs[-1].resolve().parent / name if out is None else out)
-    below, files = lines_of(dict.fromkeys(found.notes)), ["", words.OURS_NOTE, f"Comparison: {page}"]
-    print_report(found, comparison_report.to_dict(compared), as_json, below, files)
-    bad = sum(each.differences if fail_on == "difference" else each.regressions for each in compared.each)
-    if fail_on != "nothing" and (bad or any(each.cannot_tell for each in compared.each)):
+        page = comparison_report.write(compared, result, runs[-1].resolve().parent / name if out is None else out)
+    below, files = lines_of(dict.fromkeys(result.notes)), ["", words.OURS_NOTE, f"Comparison: {page}"]
+    print_report(result, comparison_report.to_dict(compared), as_json, below, files)
+    bad = sum(pair.differences if fail_on == "difference" else pair.regressions for pair in compared.pairs)
+    if fail_on != "nothing" and (bad or any(pair.cannot_tell for pair in compared.pairs)):
         raise typer.Exit(FAILED if bad else UNDECIDED)
 
 
@@ -104,10 +104,10 @@ def _compare_versions(
     files: list[Path], problem_set: str, seed: int, smallest: float, fail_on: str, as_json: bool
 ) -> int:
     """Print the comparison of two versions; returns the exit status."""
-    require(len(files) == 2, "RUN", "two versions are compared, A.py and B.py")
+    check_option(len(files) == 2, "RUN", "two versions are compared, A.py and B.py")
     with progress_bar() as progress:
         of_set = list(problems.make(problem_set, seed).problems())
-        found = versions.compare_versions(files, of_set, smallest, seed, progress)
+        result = versions.compare_versions(files, of_set, smallest, seed, progress)
     a, b = files
     verdicts = {
         FASTER: f"{b} is faster than {a}",
@@ -115,16 +115,16 @@ def _compare_versions(
         SAME: f"{b} takes as long as {a}, within a ratio of {smallest:g}",
     }
     lines = [
-        f"{verdicts.get(found.finding, 'The times vary too much to tell')}: the ratio of their times is "
-        f"{found.ratio:.3f}, 95 % interval {found.low:.3f} to {found.high:.3f} ({found.us[1]:.3g} and "
-        f"{found.us[0]:.3g} µs).",
-        f"Largest error of a first answer: {b} {found.gap[1]:.1e}, {a} {found.gap[0]:.1e}.",
-        f"{b} is less accurate than {a}." if found.less_accurate else "",
+        f"{verdicts.get(result.finding, 'The times vary too much to tell')}: the ratio of their times is "
+        f"{result.ratio:.3f}, 95 % interval {result.low:.3f} to {result.high:.3f} ({result.us[1]:.3g} and "
+        f"{result.us[0]:.3g} µs).",
+        f"Largest error of a first answer: {b} {result.gap[1]:.1e}, {a} {result.gap[0]:.1e}.",
+        f"{b} is less accurate than {a}." if result.less_accurate else "",
     ]
-    print_result({**vars(found), "less_accurate": found.less_accurate}, lines, as_json)
-    if found.finding == SLOWER or found.less_accurate or (fail_on == "difference" and found.finding == FASTER):
+    print_result({**vars(result), "less_accurate": result.less_accurate}, lines, as_json)
+    if result.finding == SLOWER or result.less_accurate or (fail_on == "difference" and result.finding == FASTER):
         return FAILED if fail_on != "nothing" else 0
-    return UNDECIDED if fail_on != "nothing" and found.finding not in verdicts else 0
+    return UNDECIDED if fail_on != "nothing" and result.finding not in verdicts else 0
 
 
 def deploy_verb(
@@ -181,19 +181,19 @@ def deploy_verb(
     has the smallest p99.9 (99.9 % of its answers take at most this time). The model comes from --model, or from
     identifying the recording of the race. SelfLearningCompensator.load starts from the written file.
     """
-    given = None
+    own_model = None
     if model is None:
         refuse(context, ("no_dynamics",), "is for a model that --model gives; those of a run are static")
     else:
         refuse(context, ("problem", "simulated"), "selects a model of the run, and --model gives another")
-        given = HysteresisCreepModel.load(model)
-        given = given.static if no_dynamics else given
+        own_model = HysteresisCreepModel.load(model)
+        own_model = own_model.static if no_dynamics else own_model
     opened = open_run(run)
     target = run / "compensator.json" if out is None else out
     check_writable(target, others=[model, *([] if out is None else [run])])
     with progress_bar() as progress:
         progress("judging the model", 0, 2)
-        actuator = actuator_model.model_for(opened, given, problem, simulated, source=str(model))
+        actuator = actuator_model.model_for(opened, own_model, problem, simulated, source=str(model))
         progress("weighing the solvers", 1, 2)
         period_us = 1e6 * actuator.model.structure.sample_time
         lanes = tuple(lane or (Lane.KERNEL, Lane.DIRECT))
@@ -217,13 +217,13 @@ def deploy_verb(
         "why": decided.sentences(),
         "elsewhere": elsewhere,
         "figures": decided.chosen.metrics(),
-        "runners_up": [each.metrics() for each in decided.runners_up],
-        "refused": [{**each.metrics(), "why": why} for each, why in decided.refused],
+        "runners_up": [candidate.metrics() for candidate in decided.runners_up],
+        "refused": [{**candidate.metrics(), "why": why} for candidate, why in decided.refused],
     }
     lines = [
         *decided.sentences(),
         *elsewhere,
-        *(f"Not qualified: {each.name} {why}." for each, why in decided.refused[:MOST_REFUSED]),
+        *(f"Not qualified: {candidate.name} {why}." for candidate, why in decided.refused[:MOST_REFUSED]),
         actuator.model.warning,
         f"Model: from {actuator.source}.{actuator.sentence and f' {actuator.sentence}'}",
         words.OURS_NOTE,

@@ -1,7 +1,7 @@
 """Comparison of runs: solver lanes that became slower or faster, and tiers that they lost or gained.
 
 Rows meet by JOIN: the digest of the problem, whatever its name or file, its scaling and start, the solver and its lane,
-and what the setting asks for beyond the defaults of its version. So a default meets a default, whatever it is set to,
+and what the setting requests beyond the defaults of its version. So a default meets a default, whatever it is set to,
 and a rung of the ladder the same rung, whatever settings the adapter fixes for all. The version is what is compared,
 and no key: an edited file, two releases, and changed defaults meet.
 
@@ -97,7 +97,7 @@ class Comparison:
     field: pd.DataFrame
     """Common ``factor`` and ``deviation`` D of the field for each way of timing."""
     sentinel: float
-    """Ratio of the times of the fixed piece of work that is timed beside the solvers."""
+    """Ratio of the times of the reference workload that is timed beside the solvers."""
     lost: pd.DataFrame
     """LANE and ``tier``, one row per tier."""
     gained: pd.DataFrame
@@ -118,7 +118,7 @@ class Comparison:
 
     @property
     def moved(self) -> bool:
-        """Whether the field as a whole changed unlike the fixed piece of work, so that the cause is unknown."""
+        """Whether the field as a whole changed unlike the reference workload, so that the cause is unknown."""
         return bool((np.abs(np.log(self.field.factor / self.sentinel)) > math.log(self.smallest)).any())
 
     @property
@@ -140,17 +140,17 @@ class Comparisons:
     """``run``, its number, SOLVER_LANE and SHOWN, on what all have in common; see `side_by_side`."""
     common: pd.DataFrame
     """JOIN of the rows that all have."""
-    each: list[Comparison]
+    pairs: list[Comparison]
 
 
 def compare_runs(runs: Sequence[Run], smallest: float = SMALLEST) -> Comparisons:
     """Compare each other run with the first one; RunError if one is not a finished race, or runs have no row in common.
     ``smallest`` is above 1."""
-    found = [Measurements.of(run) for run in runs]
-    tables, each = [joinable(measured) for measured in found], []
+    measurements = [Measurements.of(run) for run in runs]
+    tables, pairs = [joinable(measured) for measured in measurements], []
     for run, rows in zip(runs[1:], tables[1:], strict=True):
         before, after = in_common([runs[0], run], [tables[0], rows])
-        each.append(
+        pairs.append(
             Comparison(
                 runs[0],
                 run,
@@ -164,38 +164,38 @@ def compare_runs(runs: Sequence[Run], smallest: float = SMALLEST) -> Comparisons
             )
         )
     common = in_common(runs, tables)
-    return Comparisons(runs, side_by_side(found, common), common[0][JOIN], each)
+    return Comparisons(runs, side_by_side(measurements, common), common[0][JOIN], pairs)
 
 
-def joinable(found: Measurements) -> pd.DataFrame:
+def joinable(measurements: Measurements) -> pd.DataFrame:
     """The rows of the field that were run, by JOIN, with the logarithm of the median time of update and solve for each
     way of timing, NaN for too few calls. Of a problem that is in two sets the first row counts. A default that is no
     rung of the ladder is taken for its first, so that it may reach a tier."""
-    rows, fewest = found.lanes, Effort().fewest
+    rows, fewest = measurements.lanes, Effort().fewest
     lanes = pd.MultiIndex.from_frame(rows[SOLVER_LANE])
     defaults = dict(zip(lanes[rows.is_default], rows.setting[rows.is_default], strict=True))
-    asked = [beyond(setting, defaults.get(lane, "{}")) for setting, lane in zip(rows.setting, lanes, strict=True)]
+    requested = [beyond(setting, defaults.get(lane, "{}")) for setting, lane in zip(rows.setting, lanes, strict=True)]
     levels = {
         timed: [
             math.log(max(np.median(us), 1e-3)) if us.size >= fewest else math.nan
-            for us in (found.pooled([task], timed) for task in rows.task)
+            for us in (measurements.pooled([task], timed) for task in rows.task)
         ]
         for timed in (HOT, INTERLEAVED)
     }
-    rows = rows.assign(settings=asked, rung=rows.rung + 1, **levels)[rows.status != Status.NOT_RUN]
+    rows = rows.assign(settings=requested, rung=rows.rung + 1, **levels)[rows.status != Status.NOT_RUN]
     return rows.drop_duplicates(JOIN).set_index(JOIN)
 
 
 def beyond(setting: str, default: str) -> str:
-    """What a setting asks for beyond a default.
+    """What a setting requests beyond a default.
 
     Examples
     --------
     >>> beyond('{"eps": 1e-9, "verbose": false}', '{"verbose": false}')
     '{"eps": 1e-09}'
     """
-    asked, fixed = (decoded(text, dict[str, Any]).items() for text in (setting, default))
-    return setting_text(dict(each for each in asked if each not in fixed))
+    requested, fixed = (decoded(text, dict[str, Any]).items() for text in (setting, default))
+    return setting_text(dict(item for item in requested if item not in fixed))
 
 
 def in_common(runs: Sequence[Run], tables: Sequence[pd.DataFrame]) -> list[pd.DataFrame]:
@@ -209,31 +209,33 @@ def in_common(runs: Sequence[Run], tables: Sequence[pd.DataFrame]) -> list[pd.Da
                 f"these differ in {name}"
             )
     rows = [table.loc[sorted(common)] for table in tables]
-    return [each.assign(**rows[0][["problem_set", "problem", "setting", "rung"]]).reset_index() for each in rows]
+    return [table.assign(**rows[0][["problem_set", "problem", "setting", "rung"]]).reset_index() for table in rows]
 
 
 def levels(before: pd.DataFrame, after: pd.DataFrame) -> pd.DataFrame:
     """One row per answer and way of timing that both runs have: BLOCK, SOLVER_LANE, ``level_a`` and ``level_b``."""
     ok = before[(before.status == Status.ANSWERED) & (after.status == Status.ANSWERED)]
-    ways = [ok.assign(timed=timed, level_a=ok[timed], level_b=after[timed]) for timed in (HOT, INTERLEAVED)]
-    return pd.concat([way for way in ways if (way.level_a - way.level_b).notna().any()] or ways[:1], ignore_index=True)
+    tables = [ok.assign(timed=timed, level_a=ok[timed], level_b=after[timed]) for timed in (HOT, INTERLEAVED)]
+    return pd.concat(
+        [table for table in tables if (table.level_a - table.level_b).notna().any()] or tables[:1], ignore_index=True
+    )
 
 
-def side_by_side(found: Sequence[Measurements], rows: Sequence[pd.DataFrame]) -> pd.DataFrame:
+def side_by_side(measurements: Sequence[Measurements], rows: Sequence[pd.DataFrame]) -> pd.DataFrame:
     """``run``, SOLVER_LANE and SHOWN on the rows that all runs have, at the setting with which the first run reaches
     1e-9 on most problems, from a cold start and on scaled problems if there are any.
 
     Parameters
     ----------
-    found : sequence of Measurements
+    measurements : sequence of Measurements
         Of each run.
     rows : sequence of DataFrame
         The rows of each that all have.
     """
-    settings, form, parts = tier_settings(rows[0]), ["digest", "scaling"], []
+    settings, form, tables = tier_settings(rows[0]), ["digest", "scaling"], []
     settings = settings[(settings.tier == Tier.HIGH) & (settings.scaling == rows[0].scaling.max())]
-    for run, (measured, part) in enumerate(zip(found, rows, strict=True), 1):
-        here = at_tiers(part[part.start == "cold"], settings, "furthest").query(f"tier == {str(Tier.HIGH)!r}")
+    for run, (measured, table) in enumerate(zip(measurements, rows, strict=True), 1):
+        here = at_tiers(table[table.start == "cold"], settings, "furthest").query(f"tier == {str(Tier.HIGH)!r}")
         floor = measured.rows.query(f"solver == {NULL_SOLVER!r} and start == 'cold'").groupby(form).answer_us.first()
         yard = here[here.solver == YARDSTICK].set_index([*form, "lane"]).answer_us
         here = here.join(floor.rename("floor_us"), on=form).join(yard.rename("yard_us"), on=[*form, "lane"])
@@ -242,8 +244,8 @@ def side_by_side(found: Sequence[Measurements], rows: Sequence[pd.DataFrame]) ->
             to_floor=here.answer_us / here.floor_us,
             to_yardstick=here.answer_us / here.yard_us,
         )
-        parts.append(combined(shown, SHOWN, SOLVER_LANE).assign(run=run))
-    return pd.concat(parts, ignore_index=True)
+        tables.append(combined(shown, SHOWN, SOLVER_LANE).assign(run=run))
+    return pd.concat(tables, ignore_index=True)
 
 
 def compare_times(pairs: pd.DataFrame, smallest: float) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -274,10 +276,13 @@ def compare_times(pairs: pd.DataFrame, smallest: float) -> tuple[pd.DataFrame, p
         }
     )
     chance, lines = np.random.default_rng(0), []
-    for names, part in lanes:
-        values, deviation = part.dropna().to_numpy(), float(field.deviation[cast(tuple[str, str, str], names)[0]])
+    for names, differences in lanes:
+        values, deviation = (
+            differences.dropna().to_numpy(),
+            float(field.deviation[cast(tuple[str, str, str], names)[0]]),
+        )
         ends = interval(values, deviation, chance)
-        ratios = np.exp([part.median(), *ends])
+        ratios = np.exp([differences.median(), *ends])
         lines.append((*cast(tuple[str, str, str], names), values.size, *ratios, finding(*ends, deviation, smallest)))
     times = pd.DataFrame(
         lines, columns=["timed", *SOLVER_LANE, "problems", "ratio", "ratio_low", "ratio_high", "finding"]
@@ -299,8 +304,8 @@ def interval(values: np.ndarray, deviation: float, chance: np.random.Generator) 
 
 def _deviation(theta: pd.Series) -> float:
     least = ROUNDING if theta.count() >= ENOUGH_LANES else FEW_DEVIATE
-    found = max(least, float(median_abs_deviation(theta, scale="normal", nan_policy="omit")))
-    return found if theta.count() >= FEWEST_LANES else math.inf
+    deviation = max(least, float(median_abs_deviation(theta, scale="normal", nan_policy="omit")))
+    return deviation if theta.count() >= FEWEST_LANES else math.inf
 
 
 def finding(low: float, high: float, deviation: float, smallest: float) -> str:

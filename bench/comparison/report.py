@@ -32,7 +32,7 @@ COLUMNS = (
     Column("timed", heading="times"),
 )
 ORDER = (SLOWER, FASTER, CANNOT_TELL, SAME)
-MOST_NAMED, MOST_TOLD = 4, 2
+MOST_NAMED, MOST_SHOWN = 4, 2
 """Most solver lanes in a sentence about rows of one run only, and most differences in a warning."""
 IGNORED = ("effort", "time_limit_s", "memory_mb", "solver_files", "problem_sets", "set_options", "problems", "limit")
 """Settings that do not affect the comparison, whose effect the times show, or that name what a digest identifies."""
@@ -59,20 +59,20 @@ DEFINITIONS = (
 
 def report(compared: Comparisons) -> Report:
     """Report of comparisons with the same first run."""
-    each, runs = compared.each, compared.runs
+    pairs, runs = compared.pairs, compared.runs
     page, terminal = (
         Table.of("Runs side by side", _lines(compared), columns, 2, filters=("run", "lane"))
         for columns in (COLUMNS, COLUMNS[:-2])  # a terminal has no room
     )
     return Report(
         [
-            *(f"WARNING: {warning}" for comparison in each for warning in warnings(comparison)),
+            *(f"WARNING: {warning}" for comparison in pairs for warning in warnings(comparison)),
             in_common(compared),
-            *(sentence for comparison in each for sentence in sentences(comparison)),
+            *(sentence for comparison in pairs for sentence in sentences(comparison)),
         ],
         page,
         notes=[
-            *(note for comparison in each for note in notes(comparison)),
+            *(note for comparison in pairs for note in notes(comparison)),
             *(line for run in runs for line in machine.elsewhere(f"The run {run.path.name}", run.machine_names)),
         ],
         definitions=DEFINITIONS,
@@ -123,7 +123,7 @@ def to_dict(compared: Comparisons) -> dict[str, Any]:
                     "lost": comparison.lost.to_dict("records"),
                     "gained": comparison.gained.to_dict("records"),
                 }
-                for comparison in compared.each
+                for comparison in compared.pairs
             ],
         }
     )
@@ -145,7 +145,7 @@ def sentences(comparison: Comparison) -> list[str]:
         ),
         f"{count} solver lane{'s fail' if count > 1 else ' fails'} on common problems: {_named(comparison.failed)}",
     ][: None if count else -1]
-    same = f"no difference{' that can be told' if comparison.cannot_tell else ''} in {solver_lanes(lanes)}"
+    same = f"no {'detectable ' if comparison.cannot_tell else ''}difference in {solver_lanes(lanes)}"
     noise = joined(
         f"{100.0 * deviation:.1f} % {timed}"
         for timed, deviation in comparison.field.deviation.items()
@@ -154,18 +154,18 @@ def sentences(comparison: Comparison) -> list[str]:
     why = f"lanes deviate from each other by {noise}" if noise else "too few lanes race to tell a change from noise"
     factors = joined(f"{factor:.2f} {timed}" for timed, factor in comparison.field.factor.items())
     beside = (
-        f", and the fixed piece of work timed beside it by {comparison.sentinel:.2f}: either the machine changed in a "
-        "way that this work does not feel, or most solvers did"
+        f", and the reference workload timed beside it by {comparison.sentinel:.2f}: either the machine changed in "
+        "a way that this workload does not show, or most solvers did"
         if comparison.moved
         else ", which is divided out"
     )
-    said = {
+    sentence_if = {
         f"{comparison.b.path.name} against {comparison.a.path.name}: {joined(counts) or same}.": True,
         f"In {solver_lanes(unseen, lanes)} a change by a factor of {comparison.smallest:g} may have gone unseen: {why}"
         ". A quiet machine, more problems and --repeats help.": unseen,
         f"The field as a whole changed by a factor of {factors}{beside}.": factors,
     }
-    return [sentence for sentence, applies in said.items() if applies]
+    return [sentence for sentence, applies in sentence_if.items() if applies]
 
 
 def _named(rows: pd.DataFrame) -> str:
@@ -173,7 +173,7 @@ def _named(rows: pd.DataFrame) -> str:
     names = [
         f"{marked(solver)} ({lane})" for solver, lane in rows.groupby(SOLVER_LANE).size().sort_values().index[::-1]
     ]
-    return ", ".join(names[:MOST_NAMED]) + (f" and {left} others" if (left := len(names) - MOST_NAMED) > 0 else "")
+    return ", ".join(names[:MOST_NAMED]) + (f" and {more} others" if (more := len(names) - MOST_NAMED) > 0 else "")
 
 
 def notes(comparison: Comparison) -> list[str]:
@@ -196,20 +196,20 @@ def warnings(comparison: Comparison) -> list[str]:
         ]
         for what, of in first.items()
     }
-    told = {
-        what: [*those[:MOST_TOLD], *([f"{len(those) - MOST_TOLD} more"] if len(those) > MOST_TOLD else [])]
+    listed = {
+        what: [*those[:MOST_SHOWN], *([f"{len(those) - MOST_SHOWN} more"] if len(those) > MOST_SHOWN else [])]
         for what, those in differ.items()
     }
-    return [f"Different {what}: {'; '.join(those)}." for what, those in told.items() if those]
+    return [f"Different {what}: {'; '.join(those)}." for what, those in listed.items() if those]
 
 
 def _conditions(run: Run) -> dict[str, Mapping[str, str]]:
     """Machines, settings and versions of a run, as texts that do not depend on the order in a list."""
     settings, machines = run.settings, [*run.machines.values()]
-    chosen, packages = settings["settings"], {name for each in machines for name in each["versions"]}
+    chosen, packages = settings["settings"], {name for host in machines for name in host["versions"]}
     return {
         "machines": {
-            name: joined(sorted({str(each.get(name)) for each in machines}))
+            name: joined(sorted({str(host.get(name)) for host in machines}))
             for name in ("processor", "cores", "system", "python", "core")
         },
         "settings": {
@@ -218,7 +218,7 @@ def _conditions(run: Run) -> dict[str, Mapping[str, str]]:
             if name not in IGNORED
         },
         "packages": {
-            name: joined(sorted({each["versions"].get(name, "absent") for each in machines})) for name in packages
+            name: joined(sorted({host["versions"].get(name, "absent") for host in machines})) for name in packages
         },
         "solvers": settings.get("lanes", {}),
     }
@@ -226,16 +226,16 @@ def _conditions(run: Run) -> dict[str, Mapping[str, str]]:
 
 def _lines(compared: Comparisons) -> pd.DataFrame:
     """The lines of all runs with the findings, the lanes that changed first."""
-    by, each = [*SOLVER_LANE, "run"], [*enumerate(compared.each, 2)]
+    by, numbered = [*SOLVER_LANE, "run"], [*enumerate(compared.pairs, 2)]
     tiers = [
         changed.assign(
             run=run, tiers=what + changed.tier.map(lambda tier: TIER_NAMES[Tier(tier)]) + " " + changed.scaling
         )
-        for run, comparison in each
+        for run, comparison in numbered
         for what, changed in (("lost ", comparison.lost), ("gained ", comparison.gained))
     ]
-    changes = pd.concat([part for part in tiers if len(part)] or tiers[:1]).groupby(by).tiers.agg(", ".join)
-    times = pd.concat([comparison.times.drop(columns="problems").assign(run=run) for run, comparison in each])
+    changes = pd.concat([table for table in tiers if len(table)] or tiers[:1]).groupby(by).tiers.agg(", ".join)
+    times = pd.concat([comparison.times.drop(columns="problems").assign(run=run) for run, comparison in numbered])
     table = compared.lines.merge(times, on=by, how="outer").join(changes, on=by)
     order = table.finding.map(dict(zip(ORDER, range(-len(ORDER), 0), strict=True))) - len(ORDER) * table.tiers.notna()
     lane = [table.solver, table.lane]

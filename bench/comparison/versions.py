@@ -100,8 +100,8 @@ def _timed(
         Task(problem.set_name, problem.name, "scaled", *names, default_setting(child.describe()))
         for names, child in children.items()
     ]
-    found = interleave(tasks, children, form, FreshData(form, BLOCKS * CALLS), seed, CALLS)
-    for (_, outcome), file in zip(found, files, strict=True):
+    outcomes = interleave(tasks, children, form, FreshData(form, BLOCKS * CALLS), seed, CALLS)
+    for (_, outcome), file in zip(outcomes, files, strict=True):
         if outcome.failure or outcome.x is None:
             why = f"{outcome.failure} {outcome.message}".strip()
             raise RaceError(f"{file}: failed at {problem.set_name}/{problem.name}: {why}")

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from bench import problems
-from bench.problems.recorded import FITTED, HELD_OUT, Recorded, kept_back
+from bench.problems.recorded import FITTED, HELD_OUT, Recorded, held_out_recording
 from bench.races.metrics import relative_gap
 from bench.store import Run, RunError
 from piezo_model import HysteresisCreepModel
@@ -65,7 +65,7 @@ def model_for(
     model: HysteresisCreepModel | None = None,
     problem: str | None = None,
     simulated: bool = False,
-    source: str = "the model file that was given",
+    source: str = "the model file",
 ) -> ChosenModel:
     """The given model, that of the problem "set/name", or the one that the run stores of its recording.
 
@@ -77,8 +77,8 @@ def model_for(
     if problem is None and not simulated and Recorded.name in run.settings.get("models", {}):
         return _stored(run)
     key = _find_problem(run, problem, simulated)
-    found = _of_problem(run, key)
-    return found if _is_simulated(key) else _validated(run, found)
+    chosen = _of_problem(run, key)
+    return chosen if _is_simulated(key) else _validated(run, chosen)
 
 
 def _stored(run: Run) -> ChosenModel:
@@ -95,49 +95,53 @@ def _stored(run: Run) -> ChosenModel:
     return ChosenModel(model, "the recording of the race", certificate, note["error_percent"], REFITTED)
 
 
-def _validated(run: Run, found: ChosenModel) -> ChosenModel:
+def _validated(run: Run, chosen: ChosenModel) -> ChosenModel:
     """The model with its error on the last fifth of the recording; RunError if that of a model of the rest is much
     smaller."""
     names = run.settings.get("problems", {}).get(Recorded.name, ())
     if not names:
-        return found
-    error = found.model.validate(kept_back(run.problem(Recorded.name, names[0]))).fit.rms_percent
+        return chosen
+    error = chosen.model.validate(held_out_recording(run.problem(Recorded.name, names[0]))).fit.rms_percent
     note = run.settings.get("models", {}).get(Recorded.name, {"digests": {}})
     known = note.get("error_percent")
     if known is not None and error > WORSE * known:
         raise RunError(
-            f"{run.path}: the model from {found.source} has an RMS error of {error:.3g} % of the range on the last "
+            f"{run.path}: the model from {chosen.source} has an RMS error of {error:.3g} % of the range on the last "
             f"fifth of the recording, and one of the first four fifths {known:.3g} %; leave out --model and --problem "
             "to take the run's"
         )
-    of_fitted, fitted = found.certificate.get("problem_of_run", "").startswith(f"{Recorded.name}/"), found.model.fitted
+    of_fitted, fitted = (
+        chosen.certificate.get("problem_of_run", "").startswith(f"{Recorded.name}/"),
+        chosen.model.fitted,
+    )
     kinds = (
-        [HELD_OUT] if of_fitted else [note["digests"].get(one, UNKNOWN) for one in (fitted.digests if fitted else ())]
+        [HELD_OUT]
+        if of_fitted
+        else [note["digests"].get(digest, UNKNOWN) for digest in (fitted.digests if fitted else ())]
     )
     last_fifth = min(kinds, key=(FITTED, UNKNOWN, HELD_OUT).index, default=UNKNOWN)  # the worst of its recordings
-    return replace(found, error_percent=error, last_fifth=last_fifth)
+    return replace(chosen, error_percent=error, last_fifth=last_fifth)
 
 
-def _find_problem(run: Run, wanted: str | None, simulated: bool) -> tuple[str, str]:
-    """Set and name of the wanted problem; by default of the first simulated actuator, if those are permitted."""
+def _find_problem(run: Run, problem: str | None, simulated: bool) -> tuple[str, str]:
+    """Set and name of a problem "set/name"; by default of the first simulated actuator, if those are permitted."""
     raced = sorted(run.settings.get("problems", {}).items())
-    keys = {f"{one}/{two}": (one, two) for one, names in raced for two in sorted(names)}
-    if wanted is None:
-        wanted = next((name for name, key in keys.items() if simulated and _is_simulated(key)), None)
-    if wanted is None:
+    keys = {f"{set_name}/{name}": (set_name, name) for set_name, names in raced for name in sorted(names)}
+    if problem is None:
+        problem = next((name for name, key in keys.items() if simulated and _is_simulated(key)), None)
+    if problem is None:
         raise RunError(
             f"{run.path} holds no model of {'a simulated actuator' if simulated else 'your actuator'}; give one "
             "with --model, as identify "
             "writes it, name a problem with --problem, or take a simulated actuator with --simulated"
         )
-    if wanted not in keys:
-        raise RunError(f"{run.path} has no problem {wanted!r}; there are {', '.join(keys)}")
-    if _is_simulated(keys[wanted]) and not simulated:
+    if problem not in keys:
+        raise RunError(f"{run.path} has no problem {problem!r}; there are {', '.join(keys)}")
+    if _is_simulated(keys[problem]) and not simulated:
         raise RunError(
-            f"{run.path}: {wanted} is a simulated actuator; give a model with --model, or --simulated to "
-            "take it all the same"
+            f"{run.path}: {problem} is a simulated actuator; give a model with --model, or --simulated to use it anyway"
         )
-    return keys[wanted]
+    return keys[problem]
 
 
 def _is_simulated(key: tuple[str, str]) -> bool:

@@ -142,7 +142,7 @@ class Candidate:
         if not self.margin:
             return (
                 f"has a cost gap or violation above {rule.accuracy:g} on {self.problems - self.right} of "
-                f"{self.problems} problems at its best setting, or an answer that it does not call found"
+                f"{self.problems} problems at its best setting, or an answer that it does not report as found"
             )
         if not self.samples:
             return "has no times"
@@ -166,8 +166,8 @@ class Candidate:
             return "was raced at a setting that its ladder no longer has, so race it again"
         if self.judged < ENOUGH:
             return (
-                f"was judged on {self.judged} timed answers to a problem, and it takes {ENOUGH} without a miss to show "
-                f"a rate of misses of at most {MOST_MISSES:.0%}; race it with a larger --budget"
+                f"was judged on {self.judged} timed answers to a problem, and {ENOUGH} without a miss are needed to "
+                f"show a miss rate of at most {MOST_MISSES:.0%}; race it with a larger --budget"
             )
         return ""
 
@@ -201,16 +201,18 @@ def candidates(run: Run, rule: Rule) -> Iterator[Candidate]:
 
     Deadlines count hot and interleaved calls; percentiles hot calls only, since only one setting is interleaved.
     """
-    found = Measurements.of(run)
-    at_8_khz = on_schedule(found)
+    measurements = Measurements.of(run)
+    at_8_khz = on_schedule(measurements)
     at_8_khz = at_8_khz[(at_8_khz.scaling == "scaled") & (at_8_khz.schedule == LATE)]
     late = {*at_8_khz[["solver", "lane", "setting"]].itertuples(index=False, name=None)}
-    here = found.rows[(found.rows.scaling == "scaled") & (found.rows.start == "cold")]
-    nothing = found.rows.task[found.rows.solver == NULL_SOLVER]
-    floor = [found.pooled([task], way) for task in nothing for way in (HOT, INTERLEAVED)]
+    here = measurements.rows[(measurements.rows.scaling == "scaled") & (measurements.rows.start == "cold")]
+    nothing = measurements.rows.task[measurements.rows.solver == NULL_SOLVER]
+    floor = [measurements.pooled([task], timed) for task in nothing for timed in (HOT, INTERLEAVED)]
     idle = np.concatenate([np.zeros(0), *floor])
     _require_useful_deadline(run, rule, int(np.count_nonzero(idle > rule.deadline_us)), idle.size)
-    every = found.all_rows[(found.all_rows.scaling == "scaled") & found.all_rows.lane.isin([*map(str, rule.lanes)])]
+    every = measurements.all_rows[
+        (measurements.all_rows.scaling == "scaled") & measurements.all_rows.lane.isin([*map(str, rule.lanes)])
+    ]
     rows = supported(measured(every[every.solver != NULL_SOLVER]))
     # a learner does not use an answer that its solver does not call found, unless the core solves in its place
     for line in chosen_settings(
@@ -219,7 +221,7 @@ def candidates(run: Run, rule: Rule) -> Iterator[Candidate]:
     ):
         of_lane = here[(here.solver == line["solver"]) & (here.lane == line["lane"])]
         chosen = of_lane[(of_lane.setting == line["furthest"]) & (of_lane.rung >= 0)]
-        calls, hot = found.pooled(chosen.task, HOT, INTERLEAVED), found.pooled(chosen.task)
+        calls, hot = measurements.pooled(chosen.task, HOT, INTERLEAVED), measurements.pooled(chosen.task)
         problems = int(of_lane.groupby(PROBLEM).ngroups)  # those that the solver does not take count, too
         yield Candidate(
             line["solver"],
@@ -245,7 +247,7 @@ def explained(series: Sequence[Microseconds], calls: Microseconds, deadline_us: 
     n = np.concatenate([np.zeros(0), *series])
     if not calls.size or not n.size or (T := float(np.median(calls))) > deadline_us:
         return 0, 0
-    excess = np.concatenate([one - np.median(one) for one in series if one.size])
+    excess = np.concatenate([times - np.median(times) for times in series if times.size])
     b = min(n.size, max(1, round(T / max(float(np.median(n)), SHORTEST_US))))
     K = n.size // b
     S = excess[: K * b].reshape(K, b).sum(axis=1)

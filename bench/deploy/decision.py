@@ -47,8 +47,8 @@ class Decision:
         fewest, most = it.own_misses
         own = f"{most or 'none'} of them its own"
         if fewest < most:
-            own = f"{fewest} to {most} of them its own, which this run cannot tell more closely"
-        found = [
+            own = f"{fewest} to {most} of them its own, which this run cannot narrow down"
+        sentences = [
             f"Rule: {self.rule.sentence}",
             f"Chosen: {it.name}: cost gap and violation at most {gap(it.worst)} over {problems}, a "
             f"margin of {it.margin:g}; none of its {it.judged} or more judged answers to a problem misses, so at "
@@ -58,16 +58,21 @@ class Decision:
             f"{'it, too' if it.solver in EXACT_SOLVERS else marked(it.solver)}.",
         ]
         if self.by:
-            least = next(each for each in (it, *self.runners_up) if math.isnan(each.times_us[self.by - 1]))
-            found.append(
+            least = next(
+                candidate for candidate in (it, *self.runners_up) if math.isnan(candidate.times_us[self.by - 1])
+            )
+            sentences.append(
                 f"Decided by the {name}, the finest percentile that all who qualify support: {NAMES[self.by - 1]} "
                 f"needs {needed(QUANTILES[self.by - 1])} samples and has {least.calls} for {least.name}."
             )
-        found += [
-            f"Runner-up: {each.name}, {name} {number(each.times_us[self.by])} µs." for each in self.runners_up[:3]
+        sentences += [
+            f"Runner-up: {candidate.name}, {name} {number(candidate.times_us[self.by])} µs."
+            for candidate in self.runners_up[:3]
         ]
         count = len(self.refused)
-        return [*found, f"{solver_lanes(count)} do{'' if count != 1 else 'es'} not qualify."] if count else found
+        return (
+            [*sentences, f"{solver_lanes(count)} do{'' if count != 1 else 'es'} not qualify."] if count else sentences
+        )
 
     def evidence(self) -> dict[str, Any]:
         """Evidence for the file of the decision."""
@@ -79,27 +84,30 @@ class Decision:
             "rule": self.rule.sentence,
             "why": self.sentences(),
             "figures": self.chosen.metrics(),
-            "runners_up": [each.metrics() for each in self.runners_up[:3]],
+            "runners_up": [candidate.metrics() for candidate in self.runners_up[:3]],
         }
 
-    def deployment(self, found: ChosenModel) -> Deployment[HysteresisCreepModel]:
+    def deployment(self, actuator: ChosenModel) -> Deployment[HysteresisCreepModel]:
         """Content of the file; the mode is the one that `docs/learning.md` recommends."""
         return Deployment(
-            model=found.model,
+            model=actuator.model,
             solver=self.chosen.solver,
             lane=Lane(self.chosen.lane),
             tier=self.chosen.tier,
             settings=self.chosen.settings,
             mode="continuous",
-            x_limits=found.model.structure.x_range,
-            evidence=self.evidence() | found.evidence(),
+            x_limits=actuator.model.structure.x_range,
+            evidence=self.evidence() | actuator.evidence(),
         )
 
 
 def decide(run: Run, rule: Rule) -> Decision:
     """Apply the rule; RunError if no solver qualifies."""
-    verdicts = [(each, each.failing(rule)) for each in candidates(run, rule)]
-    qualified, refused = [each for each, why in verdicts if not why], [(each, why) for each, why in verdicts if why]
+    verdicts = [(candidate, candidate.failing(rule)) for candidate in candidates(run, rule)]
+    qualified, refused = (
+        [candidate for candidate, why in verdicts if not why],
+        [(candidate, why) for candidate, why in verdicts if why],
+    )
     refused.sort(key=lambda pair: (not pair[0].margin, pair[0].own_misses[0] / max(pair[0].samples, 1), pair[0].worst))
     if not qualified:
         raise RunError(
@@ -111,6 +119,6 @@ def decide(run: Run, rule: Rule) -> Decision:
             )
         )
     finer = range(len(QUANTILES) - 1)
-    by = next((i for i in finer if not any(math.isnan(each.times_us[i]) for each in qualified)), len(finer))
-    chosen, *others = sorted(qualified, key=lambda each: (each.times_us[by], each.name))
+    by = next((i for i in finer if not any(math.isnan(candidate.times_us[i]) for candidate in qualified)), len(finer))
+    chosen, *others = sorted(qualified, key=lambda candidate: (candidate.times_us[by], candidate.name))
     return Decision(run, rule, chosen, tuple(others), tuple(refused), by)

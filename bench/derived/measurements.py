@@ -85,16 +85,16 @@ class Measurements:
         """Times of an answer in all calls of that host, by task and by HOT or INTERLEAVED."""
         rows = self.all_rows[(self.all_rows.host == self.host) & (self.all_rows.samples > 0)]
         raw = self.raw_times.set_index([*MEASUREMENT, "what"]).ns.unstack().reset_index()
-        parts: dict[tuple[str, str], list[Microseconds]] = {}
+        times: dict[tuple[str, str], list[Microseconds]] = {}
         for line in rows[~_is_replaced(rows)].merge(raw, on=MEASUREMENT).to_dict("records"):
-            way = line["timed"] if line["timed"] in (INTERLEAVED, SCHEDULED) else HOT
+            timed = line["timed"] if line["timed"] in (INTERLEAVED, SCHEDULED) else HOT
             us = answers_us(line["update"], line["solve"], line["cpu_us"])
-            parts.setdefault((line["task"], way), []).append(us)
-        return {key: np.concatenate(calls) for key, calls in parts.items()}
+            times.setdefault((line["task"], timed), []).append(us)
+        return {key: np.concatenate(calls) for key, calls in times.items()}
 
-    def pooled(self, tasks: Iterable[str], *ways: str) -> Microseconds:
+    def pooled(self, tasks: Iterable[str], *timings: str) -> Microseconds:
         """The times of some tasks, each counted once."""
-        keys = ((task, way) for task in dict.fromkeys(tasks) for way in ways or (HOT,))
+        keys = ((task, timed) for task in dict.fromkeys(tasks) for timed in timings or (HOT,))
         return np.concatenate([np.zeros(0), *(self.calls[key] for key in keys if key in self.calls)])
 
     @cached_property
@@ -138,12 +138,12 @@ def at_tiers(rows: pd.DataFrame, settings: pd.DataFrame, column: str = "setting"
         supported(rows),
         settings.loc[settings[column] != "", [*LANE, "tier", column]].rename(columns={column: "setting"}),
     )
-    parts = [
-        _judged(part, Tier(str(tier)))
-        for tier, part in rows.merge(chosen, on=[*LANE, "setting"]).groupby("tier", sort=False)
+    tables = [
+        _judged(group, Tier(str(tier)))
+        for tier, group in rows.merge(chosen, on=[*LANE, "setting"]).groupby("tier", sort=False)
     ]
     return pd.concat(
-        [*parts, _judged(rows[rows.is_default].assign(tier=str(Tier.DEFAULT)), Tier.DEFAULT)], ignore_index=True
+        [*tables, _judged(rows[rows.is_default].assign(tier=str(Tier.DEFAULT)), Tier.DEFAULT)], ignore_index=True
     )
 
 
@@ -166,7 +166,7 @@ def merged(rows: pd.DataFrame) -> pd.DataFrame:
     every, apart = rows.groupby("task", sort=False), rows.timed.isin([INTERLEAVED, SCHEDULED])
     times = rows[~_is_replaced(rows) & ~apart].groupby("task", sort=False)
     us = times.answer_us
-    found = answers.set_index("task").assign(
+    tasks = answers.set_index("task").assign(
         **{name: times[name].median() for name in MEDIANS},
         **{name: every[name].max() for name in WORST},
         solve_us_max=times.solve_us_max.max(),
@@ -179,8 +179,8 @@ def merged(rows: pd.DataFrame) -> pd.DataFrame:
         answer_us_spread=((us.max() - us.min()) / us.median()).where(times.size() > 1),
         interleaved_us=rows[rows.timed == INTERLEAVED].groupby("task").answer_us.median(),
     )
-    found = found.drop(columns=["ok", "way"]).reset_index().set_axis(answers.index).sort_index()
-    return found[[*rows.columns, "repeats", "answer_us_spread", "interleaved_us"]]
+    tasks = tasks.drop(columns=["ok", "way"]).reset_index().set_axis(answers.index).sort_index()
+    return tasks[[*rows.columns, "repeats", "answer_us_spread", "interleaved_us"]]
 
 
 def _is_replaced(rows: pd.DataFrame) -> pd.Series[bool]:

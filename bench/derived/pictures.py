@@ -102,15 +102,15 @@ def performance_profile(measurements: Measurements) -> pd.DataFrame:
     """ρ_s(τ), one row per step of the function, for the solvers with the smallest mean of log τ over the problems, and
     a user's own."""
     steps = []
-    for view, part in _timed(measurements).groupby("view", sort=False):
-        times = part.pivot_table(index="problem", columns="name", values="time_us", aggfunc="min", dropna=False)
+    for view, group in _timed(measurements).groupby("view", sort=False):
+        times = group.pivot_table(index="problem", columns="name", values="time_us", aggfunc="min", dropna=False)
         ratios = times.div(times.min(axis=1), axis=0).where(np.isfinite(times)).dropna(how="all")
         if ratios.empty:
             continue
         logs = np.log(ratios.fillna(10.0 * float(np.nanmax(ratios))))
         best = ratios[logs.mean().nsmallest(MOST_IN_PROFILE).index].dropna(axis="columns", how="all")
-        ratios = ratios[best.columns.append(pd.Index(part.loc[part.own, "name"])).unique()]
-        lanes = part.drop_duplicates("name").set_index("name")[["solver", "lane"]]
+        ratios = ratios[best.columns.append(pd.Index(group.loc[group.own, "name"])).unique()]
+        lanes = group.drop_duplicates("name").set_index("name")[["solver", "lane"]]
         for name, column in ratios.items():
             factors = np.unique([1.0, *column.dropna(), np.nanmax(ratios)])
             shares = [(column <= factor).sum() / len(times) for factor in factors]

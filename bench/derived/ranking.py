@@ -84,7 +84,7 @@ def ranking(measurements: Measurements) -> list[Line]:
     for name, solver, lane, problems in lanes.itertuples(index=False):
         of_lane = settings[(settings.solver == solver) & (settings.lane == lane)]
         of_lane = of_lane.assign(us=[us.get((name, lane, tier), math.nan) for tier in of_lane.tier])
-        results = {Tier(one.tier): one for one in of_lane.assign(reached=of_lane.us.notna()).itertuples()}
+        results = {Tier(row.tier): row for row in of_lane.assign(reached=of_lane.us.notna()).itertuples()}
         partial = problems if problems < measurements.problems else 0
         lines.append(Line(name, solver, lane, results, float(gaps.get((solver, lane), math.nan)), partial))
     return sorted(lines, key=lambda line: line.place)
@@ -136,8 +136,8 @@ def short_table(lines: Sequence[Line], note: str, terminal: bool = False) -> Tab
         2,
         ("lane",),
         f"{note} Times: µs of update and solve at the loosest setting that is right on every problem. ✗2/3: there is "
-        "none; the best is right on 2 of 3. Lanes that were raced on fewer problems come last, with their number. = is "
-        f"the same setting as to its left. {OURS_NOTE}",
+        "none; the best is right on 2 of 3. Lanes that were raced on fewer problems come last, with their number. ="
+        f": the same setting as in the column before. {OURS_NOTE}",
         tips={
             (i, 2 + targets.index(tier)): f"errs most on {result.worst}"
             for i, line in enumerate(lines)
@@ -165,7 +165,7 @@ def _cells(results: Sequence[Any]) -> list[str]:
 
 def yardstick(foreign: bool, own: bool) -> str:
     """Definition of the cost gap and its denominator."""
-    ours = "V* + c, the squared error of the best model: 1e-3 is 0.1 % more squared error than need be"
+    ours = "V* + c, the squared error of the best model: 1e-3 is 0.1 % more squared error than necessary"
     theirs = "max(½ x*ᵀPx*, |qᵀx*|) where the cost of a program from a file is not a sum of squares"
     over = "; over ".join(text for text, there in ((ours, own), (theirs, foreign)) if there)
     return f"Cost gap: the cost above the proven optimum V*, over {over}."
@@ -195,8 +195,8 @@ def like_with_like(measurements: Measurements) -> pd.DataFrame:
     Times are those of the problems that both reach it on, whose number is ``problems``; NaN if there are none.
     """
     rows = measurements.first_screen(measurements.rows_at_tiers[measurements.rows_at_tiers.tier == Tier.HIGH])
-    ways = {HOT: rows.answer_us, INTERLEAVED: rows.interleaved_us}
-    rows = pd.concat([rows.assign(timed=timed, us=us) for timed, us in ways.items()]).dropna(subset="us")
+    times = {HOT: rows.answer_us, INTERLEAVED: rows.interleaved_us}
+    rows = pd.concat([rows.assign(timed=timed, us=us) for timed, us in times.items()]).dropna(subset="us")
     ours = rows[rows.solver.isin(OURS)].rename(columns={"solver": "ours"})
     lanes = ours.groupby(["lane", "timed", "ours"]).us.agg(["size", TYPICAL]).reset_index()
     best = lanes.sort_values(["size", TYPICAL], ascending=[False, True]).drop_duplicates(["lane", "timed"])
@@ -209,8 +209,8 @@ def like_with_like(measurements: Measurements) -> pd.DataFrame:
         ours_us=pairs.us.where(shared),
         other_us=pairs.us_2.where(shared),
     )
-    found = combined(pairs, BESIDE, ["lane", "timed", "d", "ours", "other"])
-    return found.assign(ratio=found.ours_us / found.other_us).sort_values(["timed", "lane", "d", "other_us"])
+    table = combined(pairs, BESIDE, ["lane", "timed", "d", "ours", "other"])
+    return table.assign(ratio=table.ours_us / table.other_us).sort_values(["timed", "lane", "d", "other_us"])
 
 
 OTHER_NAMES = {"highs": "highspy", "proxqp": "proxsuite"}

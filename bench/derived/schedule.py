@@ -47,8 +47,8 @@ def on_schedule(measurements: Measurements) -> pd.DataFrame:
     table = combined(rows, COLUMNS, GROUP)
     floors = table[table.solver == NULL_SOLVER].set_index("scaling")
     figures = []
-    for line, (_, part) in zip(table.to_dict("records"), rows.groupby(GROUP), strict=True):
-        us, floor = np.concatenate([*part.ns]) / 1e3, floors.loc[line["scaling"]]
+    for line, (_, calls) in zip(table.to_dict("records"), rows.groupby(GROUP), strict=True):
+        us, floor = np.concatenate([*calls.ns]) / 1e3, floors.loc[line["scaling"]]
         low, high = rate_ratio(line["bouts"], line["due"], int(floor.bouts), int(floor.due))
         known = {name: percentile(us, q).value or math.nan for name, q in QUANTILES.items()}
         is_late, is_busy = low > 1.0 or np.median(us) > PERIOD_US, floor.late > TOLERATED * floor.due
@@ -69,7 +69,7 @@ def on_schedule(measurements: Measurements) -> pd.DataFrame:
 def sentences(table: pd.DataFrame) -> Iterator[str]:
     """Which solver lanes keep the schedule, in the scaling with most of them, if the machine permits any."""
     for scaling, lines in table.groupby("scaling", sort=False):
-        field, kept = lines[lines.schedule != FLOOR_LINE], lines[lines.schedule == KEPT]
+        field, on_time = lines[lines.schedule != FLOOR_LINE], lines[lines.schedule == KEPT]
         floor = lines[lines.schedule == FLOOR_LINE].iloc[0]
         if (field.schedule == UNKNOWN).any():
             yield (
@@ -77,9 +77,9 @@ def sentences(table: pd.DataFrame) -> Iterator[str]:
                 f"itself misses {100.0 * floor.late / floor.due:.2g} % of the deadlines; it was busy or is too slow."
             )
         elif len(field):
-            best = f"; the fastest is {marked(kept.solver.iloc[0])} ({kept.lane.iloc[0]})" if len(kept) else ""
+            best = f"; the fastest is {marked(on_time.solver.iloc[0])} ({on_time.lane.iloc[0]})" if len(on_time) else ""
             yield (
-                f"On {scaling} data {solver_lanes(len(kept), len(field), 'keep')} the schedule of "
+                f"On {scaling} data {solver_lanes(len(on_time), len(field), 'keep')} the schedule of "
                 f"{1e6 / PERIOD_NS:g} kHz: their bouts of late answers are not shown to be more frequent than the "
                 f"machine's own{best}."
             )

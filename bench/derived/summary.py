@@ -95,8 +95,8 @@ def misses(measurements: Measurements, hopeless: bool = False) -> pd.DataFrame:
     """One row for each solver lane and problem that it misses on any host: the user's own lanes first, then those with
     the fewest misses.
 
-    Another lane that is right on no problem is left out unless they are wanted: its problems do not differ. Settings
-    are {} where a solver crashed.
+    Another lane that is right on no problem is omitted unless ``hopeless`` is True: its problems do not differ.
+    Settings are {} where a solver crashed.
     """
     judged = at_tiers(measurements.first_screen(merged(measurements.all_rows)), measurements.settings, "furthest")
     judged = judged[judged.tier == Tier.HIGH].astype({"right": bool})
@@ -107,7 +107,7 @@ def misses(measurements: Measurements, hopeless: bool = False) -> pd.DataFrame:
     return missed.fillna({"settings": "{}"}).sort_values(order, ignore_index=True)
 
 
-def kept(run: Run, measurements: Measurements, most: int) -> Iterator[tuple[str, Miss]]:
+def worst_misses(run: Run, measurements: Measurements, most: int) -> Iterator[tuple[str, Miss]]:
     """The worst missed answers of at most ``most`` solver lanes, in the order of :func:`misses`, with names for
     their files; the answer of each is the first one, or the worst timed one that was judged if that is worse."""
     worst = misses(measurements, hopeless=True).sort_values("gap", ascending=False)

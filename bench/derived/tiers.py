@@ -45,7 +45,7 @@ def error(rows: pd.DataFrame, tier: Tier) -> pd.Series[float]:
         return distance(rows) / TOLERANCE[tier]
     first = (rows.stage_excess / UNNOTICED, rows.violation / TOLERANCE[Tier.LOW])
     timed = (rows.timed_stage_excess / UNNOTICED, rows.timed_violation / TOLERANCE[Tier.LOW])
-    return _worst(rows, *first, *(part.fillna(0.0) for part in timed)).clip(lower=0.0)
+    return _worst(rows, *first, *(column.fillna(0.0) for column in timed)).clip(lower=0.0)
 
 
 def distance(rows: pd.DataFrame) -> pd.Series[float]:
@@ -53,9 +53,9 @@ def distance(rows: pd.DataFrame) -> pd.Series[float]:
     return _worst(rows, rows.cost_gap, rows.violation, rows.timed_gap.fillna(0.0))
 
 
-def _worst(rows: pd.DataFrame, *parts: pd.Series) -> pd.Series[float]:
+def _worst(rows: pd.DataFrame, *columns: pd.Series) -> pd.Series[float]:
     return (
-        pd.concat(parts, axis=1)
+        pd.concat(columns, axis=1)
         .max(axis=1, skipna=False)
         .fillna(math.inf)
         .mask(rows.status != Status.ANSWERED, math.inf)
@@ -86,19 +86,19 @@ def failed(rows: pd.DataFrame, stated: Mapping[str, float]) -> str:
     A lane fails if the ``error`` of a row is infinite, and errs by that of its most accurate setting on its worst
     problem.
     """
-    found, named = [], supported(rows).assign(name=rows.solver + " (" + rows.lane + ")")
+    failures, named = [], supported(rows).assign(name=rows.solver + " (" + rows.lane + ")")
     for name, most in stated.items():
         here = named[named["name"] == name]
         wrong, least = here[np.isinf(here.error) & (here.status != Status.NOT_RUN)], here.groupby("setting").error.max()
         if len(wrong) or not least.min() <= most:
-            found.append(
+            failures.append(
                 f"{name} fails on {wrong.problem.iloc[0]}: {wrong.message.iloc[0] or 'an answer is not finite'}"
                 if len(wrong)
-                else f"{name} errs by {least.min():.1e}, and states {most:.0e}"
+                else f"{name} has an error of {least.min():.1e}, above the {most:.0e} that it states"
                 if len(here)
-                else f"{name} takes no problem"
+                else f"{name} accepts no problem"
             )
-    return f"Wrong: {'; '.join(found)}." if found else ""
+    return f"Wrong: {'; '.join(failures)}." if failures else ""
 
 
 TARGETS = (Tier.LOW, Tier.MID, Tier.HIGH, Tier.EXACT, Tier.STAGE)
@@ -115,8 +115,8 @@ def tier_settings(rows: pd.DataFrame) -> pd.DataFrame:
     rows = supported(measured(rows))
     lines = []
     for tier in TARGETS:
-        part = rows[applies(rows, tier)]
-        chosen = chosen_settings(part.assign(error=error(part, tier)))
+        applicable = rows[applies(rows, tier)]
+        chosen = chosen_settings(applicable.assign(error=error(applicable, tier)))
         lines += [{**line, "tier": str(tier)} for line in chosen]
     return pd.DataFrame(lines, columns=[*LANE, "tier", *CHOSEN])
 
@@ -147,7 +147,7 @@ def chosen_settings(rows: pd.DataFrame, within: float = 1.0) -> Iterator[dict[st
             "worst": lane.problem[lane.number == worst].iloc[0],
             "largest": float(errors[:, furthest].max()),
             "furthest": names[rungs[furthest]],
-            "left_out": left_out(errors, within) if reached and len(errors) >= FEWEST else math.nan,
+            "left_out": leave_one_out(errors, within) if reached and len(errors) >= FEWEST else math.nan,
         }
 
 
@@ -172,15 +172,15 @@ def choice(errors: NDArray[np.float64], within: float = 1.0) -> int | None:
     0
     """
     worst = errors.max(axis=0)
-    return next((int(met.argmax()) for each in MARGINS if (met := each * worst <= within).any()), None)
+    return next((int(met.argmax()) for factor in MARGINS if (met := factor * worst <= within).any()), None)
 
 
 def margin(errors: NDArray[np.float64], within: float = 1.0) -> float:
     """The largest of MARGINS that all errors meet."""
-    return next(each for each in MARGINS if each * errors.max() <= within)
+    return next(factor for factor in MARGINS if factor * errors.max() <= within)
 
 
-def left_out(errors: NDArray[np.float64], within: float = 1.0) -> float:
+def leave_one_out(errors: NDArray[np.float64], within: float = 1.0) -> float:
     """Share of the problems on which the setting chosen on the other problems is right."""
     chosen = [choice(np.delete(errors, i, axis=0), within) for i in range(len(errors))]
     return float(np.mean([at is not None and errors[i, at] <= within for i, at in enumerate(chosen)]))

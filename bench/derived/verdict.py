@@ -26,11 +26,11 @@ GAPS = (Tier.HIGH, Tier.MID, Tier.LOW, Tier.EXACT)
 LANE_NAMES = {Lane.KERNEL: "compiled", Lane.DIRECT: "from Python"}
 """Lanes of the verdict and their names in it."""
 KNOWN = ("osqp", "clarabel", "proxsuite", "piqp", "highspy", "scs", "qpalm", "daqp", "quadprog", "cvxopt")
-"""Libraries that people know first."""
+"""The best-known libraries."""
 FEWEST_KNOWN = 3
 """Least number of them for a sentence."""
 MOST_DRIFT = 0.1
-"""Largest drift without a reservation."""
+"""Largest drift without a caution."""
 
 
 def verdict(measurements: Measurements, core: str = "", drift: float = 0.0) -> list[str]:
@@ -43,9 +43,8 @@ def verdict(measurements: Measurements, core: str = "", drift: float = 0.0) -> l
     if drift > MOST_DRIFT and any("µs" in sentence for sentence in sentences):
         sentences.insert(
             0,
-            f"With reservation: in one fifth of the race the machine took {100.0 * drift:.0f} % more or less time "
-            "for a fixed piece of work than in all of it, so times that differ by less than that cannot be "
-            "distinguished.",
+            f"Caution: in one fifth of the race the speed of the machine differed by {100.0 * drift:.0f} % from that "
+            "of the whole race, so smaller differences between times are not significant.",
         )
     return [*sentences, *_stage(measurements)]
 
@@ -81,14 +80,16 @@ def _winners(measurements: Measurements, lines: Sequence[Line], core: str, drift
 
 
 def _known(lines: Sequence[Line], at: Tier) -> Iterator[str]:
-    """Which of the libraries that people know first reach a tier by their own interface, and how far the others are."""
+    """Which of the best-known libraries reach a tier by their own interface, and how far the others are."""
     known = [line for line in lines if line.solver in KNOWN and line.lane in LANE_NAMES]
-    best = {one.solver: max(line.results[at].right for line in known if line.solver == one.solver) for one in known}
+    best = {
+        entry.solver: max(line.results[at].right for line in known if line.solver == entry.solver) for entry in known
+    }
     reach = [solver for solver in best if any(line.solver == solver and line.results[at].reached for line in lines)]
     all_of_them = [f"{joined(reach)} {'reaches' if len(reach) == 1 else 'reach'} it on all problems"] if reach else []
     short = [f"{solver} on {count}" for solver, count in best.items() if solver not in reach]
     if len(best) >= FEWEST_KNOWN:
-        yield f"Of the libraries that people know first, {joined([*all_of_them, *short])}."
+        yield f"Of the best-known libraries, {joined([*all_of_them, *short])}."
 
 
 def _lane(lane: Lane, lines: Sequence[Line], at: Tier, drift: float) -> str:
@@ -102,29 +103,29 @@ def _lane(lane: Lane, lines: Sequence[Line], at: Tier, drift: float) -> str:
 
 def _steps(rows: pd.DataFrame) -> pd.DataFrame:
     """Rows of the paper's learning phase of 15 200 steps of half the stability limit, one per problem."""
-    part = of_paper(rows)
-    return part[(part.start == "cold") & (part.settings == PAPERS_SETTING)].drop_duplicates("task")
+    rows = of_paper(rows)
+    return rows[(rows.start == "cold") & (rows.settings == PAPERS_SETTING)].drop_duplicates("task")
 
 
 def _paper(measurements: Measurements, drift: float) -> Iterator[str]:
     rows = measurements.lanes[measurements.lanes.scaling == measurements.scaling]
-    part = _steps(rows)
-    part = part[part.cost_gap.notna()]
-    if part.empty:
+    steps = _steps(rows)
+    steps = steps[steps.cost_gap.notna()]
+    if steps.empty:
         return
-    reach = joined(f"{TIER_NAMES[tier]} on {right(part, tier).sum()}" for tier in (Tier.LOW, Tier.MID, Tier.HIGH))
+    reach = joined(f"{TIER_NAMES[tier]} on {right(steps, tier).sum()}" for tier in (Tier.LOW, Tier.MID, Tier.HIGH))
     yield (
-        f"The paper's method, one projected step a sample of half the stability limit, {_ends(part)} after its 15 200 "
-        f"steps ({_duration(part)}) and reaches {reach} of {len(part)} problems{_best_step(rows)}; without waiting for "
-        f"samples these steps take {rounded(part.answer_us.median(), drift)} µs."
+        f"The paper's method, one projected step a sample of half the stability limit, {_ends(steps)} after its 15 200 "
+        f"steps ({_duration(steps)}) and reaches {reach} of {len(steps)} problems{_best_step(rows)}; without waiting "
+        f"for samples these steps take {rounded(steps.answer_us.median(), drift)} µs."
     )
 
 
 def _best_step(rows: pd.DataFrame) -> str:
     """The step and the start with which as many steps reach 1e-9 most often, if others were measured."""
-    part = of_paper(rows)
-    part = part[part.settings.str.contains('"steps": 15200') & (part.start != "warm")]
-    counts = right(part, Tier.HIGH).groupby([part.settings, part.start]).sum()
+    steps = of_paper(rows)
+    steps = steps[steps.settings.str.contains('"steps": 15200') & (steps.start != "warm")]
+    counts = right(steps, Tier.HIGH).groupby([steps.settings, steps.start]).sum()
     if len(counts) < 2:
         return ""
     if counts.max() == counts[PAPERS_SETTING, "cold"]:
@@ -135,15 +136,15 @@ def _best_step(rows: pd.DataFrame) -> str:
     return f", at best, with steps of {ratio:g} of that limit{of_line}, 1e-9 on {counts.max()}"
 
 
-def _duration(part: pd.DataFrame) -> str:
+def _duration(rows: pd.DataFrame) -> str:
     """Time that the steps take at one a sample."""
-    seconds = [f"{steps * 1e-6:.3g}" for steps in sorted({*(part.periods * part.period_us)})]
+    seconds = [f"{steps * 1e-6:.3g}" for steps in sorted({*(rows.periods * rows.period_us)})]
     return f"{seconds[0]} s" if len(seconds) == 1 else f"{seconds[0]} to {seconds[-1]} s, by the rate of the recording"
 
 
-def _ends(part: pd.DataFrame) -> str:
+def _ends(rows: pd.DataFrame) -> str:
     """The cost gap at the end of the steps."""
-    gaps = part.cost_gap
+    gaps = rows.cost_gap
     if gaps.median() == gaps.max():
         return f"ends {percent(gaps.max())} above the optimal cost"
     return f"ends at worst {percent(gaps.max())} above the optimal cost (median {percent(gaps.median())})"
@@ -151,16 +152,16 @@ def _ends(part: pd.DataFrame) -> str:
 
 def _stage(measurements: Measurements) -> Iterator[str]:
     """On how many problems the tier `stage` finds the paper's model worse or better than the optimal one."""
-    part = _steps(measurements.lanes[measurements.lanes.scaling == measurements.scaling])
-    part = part[part.stage_excess.notna()]
-    if part.empty:
+    judged = _steps(measurements.lanes[measurements.lanes.scaling == measurements.scaling])
+    judged = judged[judged.stage_excess.notna()]
+    if judged.empty:
         return
-    worse, better = (int((sign * part.stage_excess > UNNOTICED).sum()) for sign in (1.0, -1.0))
-    largest = part.iloc[int(part.stage_excess.abs().argmax())]
+    worse, better = (int((sign * judged.stage_excess > UNNOTICED).sum()) for sign in (1.0, -1.0))
+    largest = judged.iloc[int(judged.stage_excess.abs().argmax())]
     steps, best = format_distinct(largest.model_error_um, largest.optimum_error_um)
     yield (
         f"The prediction error of the paper's model on unseen data is larger than that of the optimum on {worse} of "
-        f"{len(part)} problems, smaller on {better} and the same on {len(part) - worse - better}, where "
+        f"{len(judged)} problems, smaller on {better} and the same on {len(judged) - worse - better}, where "
         f"{percent(UNNOTICED)} of the sensor's noise counts as a difference; it differs most on {largest.problem}: "
         f"{steps} against {best} µm RMS, with a noise of {number(largest.noise_um)} µm."
     )
@@ -175,19 +176,19 @@ def below_rounding(costs: pd.DataFrame) -> Iterator[str]:
     """Problems for which 1e-9 of the yardstick is below the rounding error of the cost, a sum of about d products as
     large as V*."""
     resolved = costs.d * np.finfo(float).eps * costs.V.abs()
-    for name, part in costs[TOLERANCE[Tier.HIGH] * costs.yardstick < resolved].groupby("problem", sort=False):
+    for name, forms in costs[TOLERANCE[Tier.HIGH] * costs.yardstick < resolved].groupby("problem", sort=False):
         yield (
-            f"On {name} a cost gap of 1e-9 is {TOLERANCE[Tier.HIGH] / part.optimum.max():.1e} of |V*|, less than "
-            "rounding leaves of a cost in "
-            "double precision: a solver that stops by the difference of two costs cannot tell whether it is there."
+            f"On {name} a cost gap of 1e-9 is {TOLERANCE[Tier.HIGH] / forms.optimum.max():.1e} of |V*|, below the "
+            "rounding error of the cost in double precision: a solver that stops on the difference of two costs cannot "
+            "detect it."
         )
 
 
 def _other_scalings(measurements: Measurements) -> Iterator[str]:
-    for scaling, part in _steps(measurements.lanes[measurements.lanes.scaling != measurements.scaling]).groupby(
+    for scaling, steps in _steps(measurements.lanes[measurements.lanes.scaling != measurements.scaling]).groupby(
         "scaling"
     ):
-        yield f"On {scaling} data the paper's method {_ends(part)} after its 15 200 steps."
+        yield f"On {scaling} data the paper's method {_ends(steps)} after its 15 200 steps."
 
 
 def _warm(table: pd.DataFrame) -> Iterator[str]:
@@ -195,14 +196,14 @@ def _warm(table: pd.DataFrame) -> Iterator[str]:
     table = table.drop_duplicates([name for name in summaries.GROUP if name != "tier"])
     same = [name for name in summaries.GROUP if name not in ("start", "tier")]
     both = summaries.raced(table, "warm").merge(summaries.raced(table), on=same, suffixes=("", "_cold"))
-    for scaling, part in both[both.all_right & both.all_right_cold].groupby("scaling", sort=False):
-        best = part.sort_values("answer_us").iloc[0]
-        ratio = part.solve_us_p50 / part.solve_us_p50_cold
+    for scaling, lanes in both[both.all_right & both.all_right_cold].groupby("scaling", sort=False):
+        best = lanes.sort_values("answer_us").iloc[0]
+        ratio = lanes.solve_us_p50 / lanes.solve_us_p50_cold
         yield (
             f"Started from the optimum of the problem before, on {scaling} data, {marked(best.solver)} "
             f"({best.lane}) is the fastest "
             f"that is right everywhere, with {best.answer_us:.3g} µs; a warm solve takes {ratio.median():.2g} times "
-            f"as long as a cold one (median over {solver_lanes(len(part))})."
+            f"as long as a cold one (median over {solver_lanes(len(lanes))})."
         )
 
 

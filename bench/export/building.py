@@ -24,7 +24,7 @@ def compile_c(folder: Path, words: Sequence[str], what: str) -> None:
     done = subprocess.run([compiler, *words], cwd=folder, env=scratch, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         first = next((line for line in done.stderr.splitlines() if "error" in line), done.stderr.strip()[:200])
-        raise ExportError(f"{compiler} does not build {what}: {first}")
+        raise ExportError(f"{compiler} cannot build {what}: {first}")
 
 
 def write_files(folder: Path, files: Mapping[str, str]) -> None:

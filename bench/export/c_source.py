@@ -62,12 +62,12 @@ LEARNER = (
     "box.h",
     "sweep.h",
     "symmetric.h",
-    *(f"box_{part}.c" for part in ("data", "dual", "inverse", "proximal")),
+    *(f"box_{name}.c" for name in ("data", "dual", "inverse", "proximal")),
     "descent.h",
     "descent.c",
     "acceleration.c",
     "regressors.h",
-    *(f"{part}.c" for part in ("continuous", "cyclic", "learner", "noise", "optimum")),
+    *(f"{name}.c" for name in ("continuous", "cyclic", "learner", "noise", "optimum")),
     "learner.h",
 )
 """Files of the core: always, and with a learner; preprocessor conditions select the code for the kind of learning."""
@@ -144,9 +144,9 @@ def export(
             f"{settings.name!r} is the name of another file or function of the export; choose another --name"
         )
     of_core = "".join(text for name, text in same.items() if name.startswith("core/"))
-    if settings.name != "piezo" and (taken := re.search(rf"\b{settings.name}_\w+", of_core, re.IGNORECASE)):
+    if settings.name != "piezo" and (clash := re.search(rf"\b{settings.name}_\w+", of_core, re.IGNORECASE)):
         raise ExportError(
-            f"with the name {settings.name!r} a function could be named {taken[0]}, as in core; choose another --name"
+            f"with the name {settings.name!r} a function could be named {clash[0]}, as in core; choose another --name"
         )
     return files
 
@@ -215,9 +215,9 @@ def learner_bytes(s: ModelStructure, settings: ExportSettings, prefilter: Prefil
     """Size of the learner, with the blocks it shares with the step and its exact solver; 0 without learning."""
     if not settings.learning:
         return 0
-    numbers, way = settings.numbers(s), CYCLIC if settings.cyclic else CONTINUOUS
-    each, shape = 8 if settings.precision == "double" else 4, (*s.shape, prefilter.modes, prefilter.ring)
-    size = int(bindings.exported_learner_bytes(*shape, numbers["block"], blocks, way, each))
+    numbers, algorithm = settings.numbers(s), CYCLIC if settings.cyclic else CONTINUOUS
+    number_bytes, shape = 8 if settings.precision == "double" else 4, (*s.shape, prefilter.modes, prefilter.ring)
+    size = int(bindings.exported_learner_bytes(*shape, numbers["block"], blocks, algorithm, number_bytes))
     return size + int(solvers_bindings.box_bytes(s.d)) if settings.cyclic and settings.solver == EXACT_SOLVER else size
 
 

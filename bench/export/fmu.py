@@ -82,13 +82,13 @@ def write_fmu(model: HysteresisCreepModel, settings: ExportSettings, out: Path, 
         **c_source.sources(settings, f"fmi{fmi}.c", "fmu.h"),
         **c_source.render(model, settings, title, {"piezo_parameters.h": "parameters.h.jinja"}),
     }
-    found = variables(model, settings)
-    units = dict.fromkeys(["s", *(v.unit for v in found if v.unit)])
+    declared = variables(model, settings)
+    units = dict.fromkeys(["s", *(v.unit for v in declared if v.unit)])
     about = {
         "name": settings.name,
         "token": f"{{{uuid.uuid5(NAMESPACE, ''.join(code.values()))}}}",
         "fmi": fmi,
-        "variables": found,
+        "variables": declared,
         "variability": VARIABILITY,
         "units": {unit: Markup(BASE_UNITS.get(unit, "")) for unit in units},
         "rate_limit": settings.rate_limit or 0.0,

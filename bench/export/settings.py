@@ -103,8 +103,7 @@ class ExportSettings:
             ),
             (
                 len(self.name) > LONGEST_NAME,
-                f"the name has {len(self.name)} characters, and {LONGEST_NAME} are the most that every compiler tells "
-                "apart",
+                f"the name has {len(self.name)} characters, and compilers may distinguish {LONGEST_NAME} at most",
             ),
         ):
             if wrong:

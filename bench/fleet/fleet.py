@@ -58,12 +58,12 @@ class Item:
     def digest(self) -> str:
         """SHA-256 of everything that determines the product, and of the product."""
         settings = [version("piezobench"), type(self.job).__name__, asdict(self.job)]  # type: ignore[call-overload]
-        found = hashlib.sha256(json.dumps(settings, sort_keys=True).encode())
+        hasher = hashlib.sha256(json.dumps(settings, sort_keys=True).encode())
         inputs = (self.recording, *self.further)
         for path in (*inputs, self.product) if self.job.product else inputs:
             with path.open("rb") as file:
-                found.update(hashlib.file_digest(file, "sha256").digest())
-        return found.hexdigest()
+                hasher.update(hashlib.file_digest(file, "sha256").digest())
+        return hasher.hexdigest()
 
 
 def run_all(items: Sequence[Item], map_unordered: MapUnordered, progress: Progress) -> list[Row]:
@@ -116,21 +116,21 @@ def products_of_others(job: Job, rows: Sequence[Row], out: Path) -> list[str]:
 def local(place: str) -> Path:
     """Absolute path, which does not depend on a worker's current folder; RecordingError for a URL."""
     if "://" in place:
-        raise RecordingError(f"{place}: is a URL; files and folders are read and written by their paths")
+        raise RecordingError(f"{place}: is a URL; give a local path")
     return Path(os.path.abspath(place))
 
 
 def matching(places: Sequence[str]) -> list[str]:
     """Paths, with patterns such as ``'*.parquet'``, of more files than a shell can pass, replaced by their matches."""
-    found: list[str] = []
+    paths: list[str] = []
     for place in places:
         if "*" not in place or local(place).exists():
-            found.append(place)
+            paths.append(place)
         elif matches := sorted(glob(place, recursive=True)):
-            found += matches
+            paths += matches
         else:
             raise RecordingError(f"{place}: no file matches")
-    return found
+    return paths
 
 
 def names_of(places: Sequence[str]) -> list[str]:
@@ -141,15 +141,14 @@ def names_of(places: Sequence[str]) -> list[str]:
     >>> names_of(["a/left.csv", "a/right.csv"]), names_of(["1/stage.csv", "2/stage.csv"])
     (['left', 'right'], ['1--stage', '2--stage'])
     """
-    parts = [local(place).with_suffix("").parts[1:] for place in places]
-    for depth in range(1, max(map(len, parts)) + 1):
-        names = ["--".join(path[-depth:]) for path in parts]
+    paths = [local(place).with_suffix("").parts[1:] for place in places]
+    for depth in range(1, max(map(len, paths)) + 1):
+        names = ["--".join(path[-depth:]) for path in paths]
         if len(set(names)) == len(names):
             return names
-    twice = next(i for i, path in enumerate(parts) if path in parts[:i])
+    twice = next(i for i, path in enumerate(paths) if path in paths[:i])
     raise RecordingError(
-        f"{places[twice]}: what is made of it would have the name of what is made of "
-        f"{places[parts.index(parts[twice])]}"
+        f"{places[twice]}: its result would have the name of that of {places[paths.index(paths[twice])]}"
     )
 
 
@@ -162,5 +161,5 @@ def items_of(job: Job, recordings: Sequence[str], out: Path) -> list[Item]:
     written = {out / TABLE, *(item.product for item in items)}
     for place in recordings:
         if local(place) in written:
-            raise RecordingError(f"{place}: would be replaced by a file of that name; name another --out-dir")
+            raise RecordingError(f"{place}: would be overwritten; name another --out-dir")
     return items

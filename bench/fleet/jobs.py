@@ -105,15 +105,15 @@ class Validating(WithModel):
 
     def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, Any]:
         """Return figures of the fit, and the constant shift of the output."""
-        _, model, found = self.judged(recording, further[0])
-        fit = vars(found.fit)
+        _, model, validation = self.judged(recording, further[0])
+        fit = vars(validation.fit)
         return {
             **{name: fit[name] for name in ("rms_percent", "max_percent", "line_percent", "rms", "max", "samples")},
             "forced": model.warning,
-            "shift": found.shift,
-            "units": found.units,
-            "beyond_percent": found.beyond_percent,
-            "own": found.own,
+            "shift": validation.shift,
+            "units": validation.units,
+            "beyond_percent": validation.beyond_percent,
+            "own": validation.own,
             "output_unit": model.structure.output_unit,
         }
 
@@ -164,14 +164,14 @@ class Compensating(WithModel):
                 f"the lowest drive --low {limits[0]:g} must be below the highest --high {limits[1]:g}"
             )
         known = None if self.start == "rest" else model.initial_state(self.start)
-        wanted, inverted = reference.values, self.dynamics and not self.preview
+        y_ref, inverted = reference.values, self.dynamics and not self.preview
         if self.preview:
             if model.dynamics is None:
                 raise ModelError(f"{further[0]}: the model has no dynamics, so --preview has nothing to anticipate")
-            wanted = model.dynamics.anticipated(wanted, s.sample_time, amplifier=True)
+            y_ref = model.dynamics.anticipated(y_ref, s.sample_time, amplifier=True)
         compensator = Compensator(model, limits, self.rate_limit, known, x_start=self.x_start, dynamics=inverted)
         state, lag = compensator.state.copy(), compensator.lag_s
-        x = compensator.run(wanted)
+        x = compensator.run(y_ref)
         times, name = np.arange(x.size) * reference.sample_time, f"drive_{s.input_unit}".rstrip("_")
         recordings.write_table(target, {"time_s": times, name: x}, model.warning)
         late = np.interp(times - lag, times, reference.values)

@@ -23,19 +23,19 @@ def table_of(rows: Sequence[Row]) -> pd.DataFrame:
 def sentences(table: pd.DataFrame, what: str, others: Sequence[str] = ()) -> list[str]:
     """Number of recordings, distribution of the errors, and files that are not of this run."""
     fine = table[table.refused == ""]
-    found = [f"{len(fine)} of {len(table)} recordings {what}."]
+    lines = [f"{len(fine)} of {len(table)} recordings {what}."]
     if len(fine):
         low, middle, high = fine.rms_percent.quantile([0.05, 0.5, 0.95])
-        found.append(
+        lines.append(
             f"RMS error of the output, as a share of its range: {middle:.2g} % in the median, {low:.2g} % to "
             f"{high:.2g} % in nine of ten."
         )
     if own := int(fine.get("own", pd.Series(dtype=bool)).sum()):
-        found.append(f"Judged on the recording that the model was fitted to, which says little about others: {own}.")
+        lines.append(f"Judged on the recording that the model was fitted to, which says little about others: {own}.")
     if others:
         named = words.joined([*others[:NAMED], f"{len(others) - NAMED} more"] if len(others) > NAMED else others)
-        found.append(f"Not of this run, but in the folder: {named}.")
-    return found
+        lines.append(f"Not of this run, but in the folder: {named}.")
+    return lines
 
 
 def write(out: Path, table: pd.DataFrame) -> None:

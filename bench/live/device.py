@@ -70,7 +70,9 @@ def stage_of(path: Path) -> Any:
     except Exception as error:
         raise DeviceError(f"{path}: cannot be run: {type(error).__name__}: {error}") from None
     if len(stages) != 1:
-        raise DeviceError(f"{path}: holds {len(stages)} classes with the methods {', '.join(METHODS)}, not one")
+        raise DeviceError(
+            f"{path}: must define one class with the methods {', '.join(METHODS)}, and defines {len(stages)}"
+        )
     return stages[0]
 
 

@@ -41,7 +41,7 @@ ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """Signals that end a run; they are blocked while a process of the run starts."""
 SHOW_S = 0.5
 """Interval at which events of learning are shown."""
-OVER, ASKED = "the time is over", "asked to stop"
+TIME_OVER, STOP_REQUESTED = "the time is over", "asked to stop"
 """Why a run ends if nothing has failed."""
 
 
@@ -52,10 +52,10 @@ def main(settings: LiveSettings, board: Board, core: int, lock: object) -> None:
     spin_ns = real_time()
     null_loop(board, settings.rate, spin_ns)
     board.drive = settings.declared.rest
-    drive(settings, board, spin_ns, settings.compensator())
+    run_stage(settings, board, spin_ns, settings.compensator())
 
 
-def drive(
+def run_stage(
     settings: LiveSettings,
     board: Board,
     spin_ns: int = SPIN_NS,
@@ -133,15 +133,15 @@ class Loop:
         """End the run if it is over at sample k, and follow the set point of the board."""
         board, settings = self._board, self._settings
         if 0.0 < settings.seconds * settings.rate <= k:
-            self.end(OVER)
+            self.end(TIME_OVER)
         if os.getppid() != settings.command:
             self.end("the process that watches the loop has died")
         if board.stop:
-            self.end(ASKED)
+            self.end(STOP_REQUESTED)
         if board.set_point != self._set_point:
             self._set_point = board.set_point
-            held = quantity(self._set_point, settings.declared.output_unit, 6)
-            board.log(f"follows {settings.words}" if self._set_point == FOLLOW else f"holds {held}")
+            level = quantity(self._set_point, settings.declared.output_unit, 6)
+            board.log(f"follows {settings.words}" if self._set_point == FOLLOW else f"holds {level}")
 
     def end(self, reason: str) -> None:
         """Begin the ramp to rest, unless it has begun."""

@@ -93,7 +93,7 @@ class Page(ThreadingHTTPServer):
             super().__init__((host, port), _Handler)
         except OSError as error:
             raise DeviceError(
-                f"the page cannot be at {name}:{port}: {error.strerror}; --port or --host names another place"
+                f"cannot serve the page at {name}:{port}: {error.strerror}; choose another --port or --host"
             ) from None
         there = socket.gethostname() if self.server_address[0] in ("0.0.0.0", "::") else name
         print(f"Page: http://{there}:{port}{self.path}", flush=True)

@@ -107,7 +107,7 @@ def outcome(settings: LiveSettings, board: Board, process: BaseProcess, rescuer:
     elif rescuer.exitcode:
         reason = "the process that stood by to bring it to rest died"
     if is_at_rest:
-        return f"The stage is at rest; {reason}.", reason in (loop.OVER, loop.ASKED)
+        return f"The stage is at rest; {reason}.", reason in (loop.TIME_OVER, loop.STOP_REQUESTED)
     reason = f"{reason[0].upper()}{reason[1:]}"
     if board.state == State.BROUGHT_TO_REST:
         return f"{reason}; another process has brought the stage to rest.", False

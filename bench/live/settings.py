@@ -101,11 +101,11 @@ class LiveSettings:
 
     def out_of_reach(self) -> str:
         """What of the reference the stage cannot follow by its first model, in a sentence; empty if it can."""
-        up, wanted = np.linspace(*self.declared.x_limits, SWEPT), self.reference
+        up, y_ref = np.linspace(*self.declared.x_limits, SWEPT), self.reference
         y = self.model.static.simulate(np.concatenate([up, up[::-1]]))
-        if max(y.min() - wanted.min(), wanted.max() - y.max()) <= BEYOND * np.ptp(y):
+        if max(y.min() - y_ref.min(), y_ref.max() - y.max()) <= BEYOND * np.ptp(y):
             return ""
-        ends = [quantity(float(end), self.declared.output_unit, 3) for x in (wanted, y) for end in (x.min(), x.max())]
+        ends = [quantity(float(end), self.declared.output_unit, 3) for x in (y_ref, y) for end in (x.min(), x.max())]
         return "The reference goes from {} to {}, and the stage, by its model, from {} to {}.".format(*ends)
 
 
@@ -154,13 +154,13 @@ def sine(text: str, unit: str, y_range: tuple[float, float], sample_time: float)
     [3.0, 13.0, 3.0, -7.0]
     """
     try:
-        frequency, amplitude, *more = (_value(part, unit if k else "Hz") for k, part in enumerate(text.split(":")))
+        frequency, amplitude, *more = (_value(word, unit if k else "Hz") for k, word in enumerate(text.split(":")))
         (centre,) = more or [0.5 * sum(y_range)]
         checks.finite(amplitude=amplitude, centre=centre)
     except ValueError:
         raise SettingsError(
             f"--sine {text}: must be a frequency in Hz and an amplitude in {shown(unit)}, such as 5Hz:10um, and "
-            "perhaps a centre"
+            "optionally a centre"
         ) from None
     if not 0.0 < frequency < 0.5 / sample_time:
         raise SettingsError(
@@ -181,13 +181,13 @@ def _value(text: str, unit: str) -> float:
 
 def of_file(path: Path, unit: str, y_range: tuple[float, float], sample_time: float) -> tuple[Vector, str]:
     """The reference column of a file, in the unit and of the sampling time of the stage."""
-    found = recordings.read_reference(path).suited(unit)
-    if abs(found.sample_time / sample_time - 1.0) > 0.01:
+    reference = recordings.read_reference(path).suited(unit)
+    if abs(reference.sample_time / sample_time - 1.0) > 0.01:
         raise SettingsError(
-            f"{path}: is sampled every {found.sample_time:g} s, and every {sample_time:g} s is needed; "
-            f"use --rate {1.0 / found.sample_time:g}"
+            f"{path}: is sampled every {reference.sample_time:g} s, expected every {sample_time:g} s; "
+            f"use --rate {1.0 / reference.sample_time:g}"
         )
-    return found.values, found.units.rstrip(".") or path.name
+    return reference.values, reference.units.rstrip(".") or path.name
 
 
 REFERENCES: Mapping[str, Callable[..., tuple[Vector, str]]] = {

@@ -11,7 +11,7 @@ from contextlib import suppress
 from multiprocessing.connection import wait
 
 from bench.live.board import Board, State
-from bench.live.loop import drive, handle_signals
+from bench.live.loop import handle_signals, run_stage
 from bench.live.settings import LiveSettings
 
 
@@ -22,4 +22,4 @@ def main(settings: LiveSettings, board: Board, loop: int) -> None:
         wait([os.pidfd_open(loop)])
     if settings.declared.reopens and board.state in (State.FOLLOWING, State.RAMPING_TO_REST):
         board.followed = board.followed or board.head
-        drive(settings, board)
+        run_stage(settings, board)

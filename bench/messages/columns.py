@@ -121,19 +121,20 @@ def combined(rows: pd.DataFrame, columns: Iterable[Column], by: Sequence[str]) -
     return rows.groupby([*by], dropna=False).agg(**aggregates).reset_index()
 
 
-def read(path: Path, wanted: pa.Schema, key: Sequence[str] = ()) -> pd.DataFrame:
-    """The wanted columns of a Parquet file; ``key`` are those that identify a row. TableError if they do not fit."""
+def read(path: Path, expected: pa.Schema, key: Sequence[str] = ()) -> pd.DataFrame:
+    """The columns of a schema from a Parquet file; ``key`` are those that identify a row. TableError if they do not
+    fit."""
     try:
         with parquet.ParquetFile(path) as file:
-            missing = [column for column in wanted.names if column not in file.schema_arrow.names]
+            missing = [column for column in expected.names if column not in file.schema_arrow.names]
             if missing:
                 raise TableError(f"has no column {missing[0]!r}")
-            table = file.read(wanted.names)
+            table = file.read(expected.names)
     except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
         raise TableError(f"cannot be read ({error})") from None
     if key and not table.num_rows:
         raise TableError("has no rows")
-    table = pa.table([_checked(table[field.name], field) for field in wanted], wanted)
+    table = pa.table([_checked(table[field.name], field) for field in expected], expected)
     for column in key:
         if table[column].null_count:
             raise TableError(
@@ -147,30 +148,32 @@ def read(path: Path, wanted: pa.Schema, key: Sequence[str] = ()) -> pd.DataFrame
 
 def _checked(values: pa.ChunkedArray, field: pa.Field) -> pa.ChunkedArray:
     """The values cast to the type of the field; TableError if they do not fit."""
-    column, wanted, given = field.name, field.type, values.type
+    column, expected, actual = field.name, field.type, values.type
     fits = (
-        pa.types.is_null(given)
-        or given.equals(wanted)
-        or (pa.types.is_large_string(wanted) and (pa.types.is_string(given) or pa.types.is_dictionary(given)))
-        or (pa.types.is_int64(wanted) and pa.types.is_integer(given))
-        or (pa.types.is_floating(wanted) and (pa.types.is_integer(given) or pa.types.is_floating(given)))
+        pa.types.is_null(actual)
+        or actual.equals(expected)
+        or (pa.types.is_large_string(expected) and (pa.types.is_string(actual) or pa.types.is_dictionary(actual)))
+        or (pa.types.is_int64(expected) and pa.types.is_integer(actual))
+        or (pa.types.is_floating(expected) and (pa.types.is_integer(actual) or pa.types.is_floating(actual)))
     )
     try:
         if not fits:
             raise pa.ArrowInvalid
-        values = values.cast(wanted)
+        values = values.cast(expected)
     except pa.ArrowException:
-        raise TableError(f"column {column!r} holds {given} and not {wanted}") from None
-    least = -1 if wanted.equals(COUNT) else 0 if {"us", "ns"} & set(column.split("_")) else None
-    lowest = None if least is None else pc.min(pc.list_flatten(values) if pa.types.is_list(wanted) else values).as_py()
+        raise TableError(f"column {column!r} has type {actual}, expected {expected}") from None
+    least = -1 if expected.equals(COUNT) else 0 if {"us", "ns"} & set(column.split("_")) else None
+    lowest = (
+        None if least is None else pc.min(pc.list_flatten(values) if pa.types.is_list(expected) else values).as_py()
+    )
     if lowest is not None and lowest < least:
-        raise TableError(f"column {column!r} holds {lowest:g}, and the least possible value is {least}")
+        raise TableError(f"column {column!r} holds {lowest:g}, below the least possible value {least}")
     if column in ("setting", "settings"):
         try:
             _ = [decoded(text, dict[str, Any]) for text in values.unique().to_pylist()]
         except (ValueError, TypeError) as error:
             raise TableError(f"column {column!r} holds text that is not settings in JSON: {error}") from None
     if column in PATTERNS and (at := pc.index(pc.match_substring_regex(values, PATTERNS[column]), False).as_py()) >= 0:
-        wanted = f"one of {', '.join(CHOICES[column])}" if column in CHOICES else "a name for a file"
-        raise TableError(f"column {column!r} holds {values[at].as_py()!r:.60} in row {at + 1} and not {wanted}")
+        expected = f"one of {', '.join(CHOICES[column])}" if column in CHOICES else "a name for a file"
+        raise TableError(f"column {column!r} holds {values[at].as_py()!r:.60} in row {at + 1}, not {expected}")
     return values

@@ -23,13 +23,13 @@ def solver_info(solution: Solution) -> dict[str, Any]:
     complex."""
     extras = solution.extras or {}
     count, time_us = amount(extras.get("iterations", extras.get("steps"))), amount(extras.get("reported_us"))
-    duals, said = (
+    duals, verdict = (
         {name: getattr(solution, name) for name in ("y", "z", "z_box")},
         "not " * (not solution.found) + "found",
     )
     return {
         "found": bool(solution.found),
-        "solver_status": " ".join(str(extras.get("status") or said).split())[:LONGEST],
+        "solver_status": " ".join(str(extras.get("status") or verdict).split())[:LONGEST],
         "iterations": int(count) if count <= MOST and count.is_integer() else NOT_REPORTED,
         "reported_us": time_us,
         **{name: None if dual is None else real(dual) for name, dual in duals.items()},

@@ -90,7 +90,7 @@ class Status(StrEnum):
     OUT_OF_MEMORY = "out_of_memory"
     """The process was stopped at its memory limit."""
     TAMPERED = "tampered"
-    """Its process opened files of the race or of other processes, or sent what nobody had asked for."""
+    """Its process opened files of the race or of other processes, or sent an answer that was not requested."""
     NOT_RUN = "not_run"
     """A looser setting of the same solver crashed, was stopped or took too long on this problem."""
 
@@ -104,8 +104,8 @@ class Setting:
     """Position in the ladder, from loose to tight."""
     is_default: bool = True
     """Whether these are the solver's defaults."""
-    given: str = ""
-    """Settings that the user gave for a solver, as JSON; they are taken as they are, for every problem."""
+    override: str = ""
+    """Settings of the user for a solver, as JSON, used as they are for every problem; "" for none."""
 
 
 NO_SETTING = Setting(setting_text({}))
@@ -136,8 +136,8 @@ class Task:
     @property
     def subject(self) -> str:
         """What is measured, the same in every run, repeat and way of timing."""
-        parts = (self.problem_set, self.problem, self.scaling, self.solver, self.lane, self.setting.text)
-        text = json.dumps([*parts, {}, self.start])  # {}: as in earlier runs
+        names = (self.problem_set, self.problem, self.scaling, self.solver, self.lane, self.setting.text)
+        text = json.dumps([*names, {}, self.start])  # {}: as in earlier runs
         return f"{self.solver}-{self.lane}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
     @property
@@ -167,8 +167,8 @@ class Task:
 
     def settings_for(self, cls: type[Solver], c: float) -> dict[str, Any]:
         """The solver's settings for a problem whose constant is c."""
-        if self.setting.given:
-            return decoded(self.setting.given, dict[str, Any])
+        if self.setting.override:
+            return decoded(self.setting.override, dict[str, Any])
         return dict(cls.at(self.setting.text, c))
 
 

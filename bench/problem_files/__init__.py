@@ -5,7 +5,7 @@ from pathlib import Path
 
 from bench.problem_files.mat import read_mat
 from bench.problem_files.npz import read_npz
-from bench.problem_files.program import ProblemFileError, ReadProgram, about, require
+from bench.problem_files.program import ProblemFileError, ReadProgram, about, check
 from bench.problem_files.qps import read_qps
 
 __all__ = ["READERS", "ProblemFileError", "ReadProgram", "read", "suffix_of"]
@@ -32,5 +32,5 @@ def suffix_of(path: Path) -> str:
 def read(path: Path) -> ReadProgram:
     """The program in a file; ProblemFileError for an invalid file."""
     with about(path):
-        require(suffix_of(path) in READERS, f"unknown suffix {suffix_of(path)!r}; a program is in {', '.join(READERS)}")
+        check(suffix_of(path) in READERS, f"unknown suffix {suffix_of(path)!r}; a program is in {', '.join(READERS)}")
         return READERS[suffix_of(path)](path)

@@ -21,13 +21,13 @@ from bench.problem_files.program import (
     MOST_BYTES,
     ProblemFileError,
     ReadProgram,
+    check,
     check_sides,
     checked,
     compressed_columns,
     constant_term,
     doubles,
     refuse_unread,
-    require,
     two_sided,
     vector,
 )
@@ -46,7 +46,7 @@ def read_mat(path: Path) -> ReadProgram:
     except (ValueError, NotImplementedError, TypeError, LookupError, OSError, zlib.error, MatReadError) as error:
         raise ValueError(f"cannot be read as a MATLAB file of versions 5 to 7: {error}") from None
     for name in ("P", "q", *(("l", "u") if "A" in variables else ())):
-        require(name in variables, f"holds no variable {name!r}")
+        check(name in variables, f"holds no variable {name!r}")
     fields = ("P", "q", "r", *(("A", "l", "u") if "A" in variables else ()))
     shapes = {
         name: value.shape
@@ -61,7 +61,7 @@ def read_mat(path: Path) -> ReadProgram:
     check_sides(l=l, u=u)
     constant = constant_term("r", variables.get("r", 0.0))
     for name, shape, right in (("P", P.shape, (d, d)), ("A", C.shape, (l.size, d)), ("u", u.shape, l.shape)):
-        require(shape == right, f"{name} is of shape {shape} and not {right}, for the {d} variables of q")
+        check(shape == right, f"{name}: expected shape {right} for the {d} variables of q, got {shape}")
     lb, ub = np.full(d, -np.inf), np.full(d, np.inf)
     rows = C.tocsr()
     rows.eliminate_zeros()

@@ -24,18 +24,18 @@ from bench.problem_files.program import (
     ProblemFileError,
     ReadProgram,
     about,
+    check,
     checked,
     compressed_columns,
     constant_term,
     doubles,
     refuse_unread,
-    require,
     vector,
     with_infinities,
 )
 from solvers.arrays import Vector
 
-PARTS = ("data", "indices", "indptr", "shape")
+CSC_FIELDS = ("data", "indices", "indptr", "shape")
 BESIDE = (
     "c",
     "r",
@@ -82,7 +82,7 @@ def packed(name: str, value: Any) -> dict[str, Any]:
     if isinstance(value, np.ndarray):
         return {name: value}
     M = csc_matrix(value)
-    return {f"{name}/{part}": np.asarray(getattr(M, part)) for part in PARTS}
+    return {f"{name}/{field}": np.asarray(getattr(M, field)) for field in CSC_FIELDS}
 
 
 def unpacked(arrays: Mapping[str, Any], name: str) -> Any:
@@ -91,7 +91,7 @@ def unpacked(arrays: Mapping[str, Any], name: str) -> Any:
         return doubles(name, arrays[name])
     if f"{name}/data" not in arrays:
         return None
-    return doubles(name, compressed_columns(name, *(arrays[f"{name}/{part}"] for part in PARTS)))
+    return doubles(name, compressed_columns(name, *(arrays[f"{name}/{field}"] for field in CSC_FIELDS)))
 
 
 def packed_program(qp: Problem, prefix: str = "") -> dict[str, Any]:
@@ -110,7 +110,7 @@ def opened(path: Path) -> Iterator[Any]:
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:  # NumPy leaves a damaged file open
             if isinstance(arrays, np.ndarray):
-                raise ProblemFileError(f"{path}: holds one array and not the named arrays of an NPZ file")
+                raise ProblemFileError(f"{path}: holds a single array, not the named arrays of an NPZ file")
             list(_headers(arrays))  # which checks their sizes, before memory is taken for any of them
             yield arrays
     except ProblemFileError:
@@ -132,7 +132,7 @@ def read_npz(path: Path) -> ReadProgram:
         shapes = _unread_shapes(path, arrays)
         constant = next((constant_term(name, arrays[name]) for name in ("c", "r") if name in arrays), 0.0)
     for name in ("P", "q"):
-        require(fields[name] is not None, f"holds no {name}; a program has P and q at least")
+        check(fields[name] is not None, f"holds no {name}; a program has P and q at least")
     fields |= {name: vector(name, fields[name]) for name in ("q", "h", "b", "lb", "ub") if fields[name] is not None}
     fields |= {name: with_infinities(fields[name]) for name in ("h", "lb", "ub") if fields[name] is not None}
     qp = checked(Problem(**fields))
@@ -148,9 +148,9 @@ def read_answer(path: Path, size: int) -> Vector:
             x = np.load(path, allow_pickle=False)
         except (ValueError, EOFError) as error:
             raise ValueError(f"cannot be read as NPY: {error}") from None
-        require(isinstance(x, np.ndarray) and x.dtype.kind in "iuf", "holds no array of real numbers")
-        require(x.shape == (size,), f"is of shape {x.shape} and not ({size},), one number for each variable")
-        require(np.isfinite(x).all(), "has an element that is not a finite number")
+        check(isinstance(x, np.ndarray) and x.dtype.kind in "iuf", "holds no array of real numbers")
+        check(x.shape == (size,), f"expected shape ({size},), one number for each variable, got {x.shape}")
+        check(np.isfinite(x).all(), "has an element that is not a finite number")
         return np.asarray(x, dtype=np.float64)
 
 
@@ -158,7 +158,7 @@ def _headers(arrays: Any) -> Iterator[tuple[str, tuple[int, ...], np.dtype[Any]]
     """Name, shape and type of each array, without reading it; ValueError for a size that is not that of the file."""
     members = arrays.zip.infolist()
     size = sum(member.file_size for member in members)
-    require(size <= MOST_BYTES, f"holds {size} bytes of arrays, and at most {MOST_BYTES} are read")
+    check(size <= MOST_BYTES, f"holds {size} bytes of arrays, and at most {MOST_BYTES} are read")
     for member in members:
         if member.filename.endswith(".npy"):
             with arrays.zip.open(member) as file:
@@ -166,29 +166,29 @@ def _headers(arrays: Any) -> Iterator[tuple[str, tuple[int, ...], np.dtype[Any]]
                 shape, _, dtype = getattr(np.lib.format, f"read_array_header_{header}")(file)
             name = member.filename.removesuffix(".npy")
             least = 0 if dtype.hasobject else math.prod(shape) * dtype.itemsize
-            require(least <= member.file_size, f"{name} is shorter than its header says")
+            check(least <= member.file_size, f"{name} is shorter than its header says")
             yield name, shape, dtype
 
 
 def _unread_shapes(path: Path, arrays: Any) -> dict[str, tuple[int, ...]]:
     """Shapes of the numbers, or of compressed columns, under names that are neither read nor stored here."""
-    found = {}
+    shapes = {}
     for key, shape, dtype in _headers(arrays):
-        name, _, part = key.rpartition("/")
+        name, _, field = key.rpartition("/")
         if key.partition("/")[0] not in (*QP_FIELDS, *BESIDE):
             if dtype.hasobject:
                 raise _is_object(path, key)
-            if name and part in PARTS:
-                found[name] = tuple(np.ravel(arrays[f"{name}/shape"]).tolist())
+            if name and field in CSC_FIELDS:
+                shapes[name] = tuple(np.ravel(arrays[f"{name}/shape"]).tolist())
             elif dtype.kind in "biufc":
-                found[key] = shape
-    return found
+                shapes[key] = shape
+    return shapes
 
 
 def _is_object(path: Path, name: str) -> ProblemFileError:
     return ProblemFileError(
         f"{path}: {name} is stored as a Python object, which is not read; store sparse matrices "
-        f"as {', '.join(f'{name}/{part}' for part in PARTS)}"
+        f"as {', '.join(f'{name}/{field}' for field in CSC_FIELDS)}"
     )
 
 

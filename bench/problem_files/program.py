@@ -41,7 +41,7 @@ class ProblemFileError(ValueError):
     """An invalid program file; the message is one sentence that begins with the path."""
 
 
-def require(condition: Any, otherwise: str) -> None:
+def check(condition: Any, otherwise: str) -> None:
     """ValueError with the sentence unless the condition holds; :func:`about` adds the file."""
     if not condition:
         raise ValueError(otherwise)
@@ -83,13 +83,13 @@ def doubles(name: str, values: Any) -> Any:
     """Numbers of a file as doubles, dense or sparse; ValueError for complex numbers, text, or numbers that doubles do
     not represent."""
     numbers = values if isinstance(values, np.ndarray) else values.data
-    require(
+    check(
         numbers.dtype.kind in "biuf", f"{name} holds {'complex numbers' if numbers.dtype.kind == 'c' else 'no numbers'}"
     )
     with np.errstate(invalid="ignore"):
         rounded = numbers.astype(np.float64)
         exact = np.array_equal(rounded.astype(numbers.dtype), numbers, equal_nan=numbers.dtype.kind == "f")
-    require(exact, f"{name} holds numbers that no double is equal to")
+    check(exact, f"{name} holds numbers that double precision cannot represent")
     if isinstance(values, np.ndarray):
         return rounded
     return csc_matrix((rounded, values.indices, values.indptr), shape=values.shape)
@@ -98,44 +98,44 @@ def doubles(name: str, values: Any) -> Any:
 def vector(name: str, values: Any) -> Vector:
     """A dense or sparse vector of any orientation, shape (n,); ValueError for a matrix."""
     dense = values if isinstance(values, np.ndarray) else values.toarray()
-    require(dense.size == max(dense.shape, default=1), f"{name} is of shape {dense.shape} and no vector")
+    check(dense.size == max(dense.shape, default=1), f"{name} must be a vector, not of shape {dense.shape}")
     return doubles(name, dense).ravel()
 
 
 def constant_term(name: str, values: Any) -> float:
     """The constant term of a cost; ValueError unless it is one finite number."""
     constant = doubles(name, np.asarray(values)).ravel()
-    require(constant.size == 1 and np.isfinite(constant[0]), f"the constant {name} is not one finite number")
+    check(constant.size == 1 and np.isfinite(constant[0]), f"the constant {name} must be one finite number")
     return float(constant[0])
 
 
 def compressed_columns(name: str, data: Any, indices: Any, indptr: Any, shape: Any) -> csc_matrix:
     """A matrix in compressed columns; ValueError for invalid index arrays, before any compiled code uses them."""
-    data, indices, indptr, shape = (np.asarray(part) for part in (data, indices, indptr, shape))
-    require(
+    data, indices, indptr, shape = (np.asarray(array) for array in (data, indices, indptr, shape))
+    check(
         shape.shape == (2,)
-        and all(part.dtype.kind in "iu" for part in (indices, indptr, shape))
+        and all(array.dtype.kind in "iu" for array in (indices, indptr, shape))
         and (shape >= 0).all(),
         f"{name} has a shape or indices that are not whole numbers",
     )
     rows, count = (int(size) for size in shape)
-    require(
-        all(part.ndim == 1 for part in (data, indices, indptr))
+    check(
+        all(array.ndim == 1 for array in (data, indices, indptr))
         and indptr.size == count + 1
         and indices.size == data.size,
         f"{name} is of shape ({rows}, {count}) and its index arrays are not",
     )
-    require(
+    check(
         indptr[0] == 0 and indptr[-1] == data.size and (indptr[1:] >= indptr[:-1]).all(),
         f"{name} has columns that do not begin at the end of the previous one",
     )
-    require(
+    check(
         not indices.size or (indices.min() >= 0 and indices.max() < rows),
         f"{name} has an element outside its {rows} rows",
     )
     M = csc_matrix((data, indices.astype(np.int64), indptr.astype(np.int64)), shape=(rows, count))
     M.sort_indices()
-    require(M.has_canonical_format, f"{name} has an element that is given twice")
+    check(M.has_canonical_format, f"{name} has an element twice")
     return M
 
 
@@ -149,7 +149,7 @@ def check_sides(**sides: Vector) -> None:
     for name, values in sides.items():
         bounds, infeasible = with_infinities(values), np.inf if name in ("l", "lb") else -np.inf
         for i in np.flatnonzero(np.isnan(bounds) | (bounds == infeasible)):
-            raise ValueError(f"{name}[{i}] is {bounds[i]}, and nothing is within that")
+            raise ValueError(f"{name}[{i}] is {bounds[i]}, which no value satisfies")
 
 
 def two_sided(P: Any, q: Vector, C: Any, l: Vector, u: Vector, lb: Vector, ub: Vector) -> Problem:  # noqa: E741
@@ -181,31 +181,29 @@ def two_sided(P: Any, q: Vector, C: Any, l: Vector, u: Vector, lb: Vector, ub: V
 def checked(qp: Problem) -> Problem:
     """The program with an exactly symmetric P; ValueError for wrong shapes, non-finite numbers, or an asymmetric P."""
     d = qp.q.size
-    require(d, "has no variables")
+    check(d, "has no variables")
     shapes = [("P", qp.P, (d, d)), *((name, getattr(qp, name), (d,)) for name in ("lb", "ub"))]
     for rows, right in (("G", "h"), ("A", "b")):
         M, v = getattr(qp, rows), getattr(qp, right)
-        require(
-            (M is None) == (v is None), f"has {rows if v is None else right} without {right if v is None else rows}"
-        )
+        check((M is None) == (v is None), f"has {rows if v is None else right} without {right if v is None else rows}")
         if v is not None:
             shapes += [(right, v, (v.size,)), (rows, M, (v.size, d))]
     for name, value, shape in shapes:
-        require(
+        check(
             value is None or value.shape == shape,
-            f"{name} is of shape {getattr(value, 'shape', None)} and not {shape}, for the {d} variables of q",
+            f"{name}: expected shape {shape} for the {d} variables of q, got {getattr(value, 'shape', None)}",
         )
     for name in ("P", "q", "G", "A", "b"):
         value = getattr(qp, name)
-        require(
+        check(
             value is None or np.isfinite(value if isinstance(value, np.ndarray) else value.data).all(),
             f"{name} has an element that is not a finite number",
         )
     check_sides(**{name: side for name in ("h", "lb", "ub") if (side := getattr(qp, name)) is not None})
     difference = abs(qp.P - qp.P.T)
-    require(
+    check(
         not difference.size or difference.max() <= SYMMETRY * abs(qp.P).max(),
-        "P is not symmetric; one that holds a triangle only is not guessed at",
+        "P is not symmetric; one triangle alone is not accepted",
     )
     P = 0.5 * (qp.P + qp.P.T)
     return Problem(P if isinstance(P, np.ndarray) else csc_matrix(P), qp.q, qp.G, qp.h, qp.A, qp.b, qp.lb, qp.ub)

@@ -13,7 +13,7 @@ from string import Template
 
 from qpsolvers import Problem
 
-from bench.problem_files.program import QP_FIELDS, require
+from bench.problem_files.program import QP_FIELDS, check
 from piezo_model.atomic_file import write_text
 
 TEMPLATE = Template('''"""Test set of qpbenchmark: the problem set $set of piezobench, in each scaling.
@@ -81,15 +81,15 @@ def read_test_set(path: str) -> list[tuple[str, Problem]]:
     logging.disable(logging.WARNING)  # it warns about every solver without settings
     try:
         loaded = import_module(module)
-        found = [
+        programs = [
             (str(problem.name), Problem(*(getattr(problem, field) for field in QP_FIELDS)))
             for problem in getattr(loaded, name, list)()
         ]
     except Exception as error:  # the user's code may raise anything
         raise ValueError(f"{type(error).__name__}: {error}") from None
-    require(hasattr(loaded, name), f"has no class {name}, which qpbenchmark looks for in a file of that name")
-    require(found, "holds no problem")
-    return found
+    check(hasattr(loaded, name), f"has no class {name}, which qpbenchmark looks for in a file of that name")
+    check(programs, "holds no problem")
+    return programs
 
 
 def write_test_set(folder: Path, set_name: str, sparse: bool) -> Path:

@@ -27,9 +27,9 @@ from scipy.sparse import csc_matrix
 from bench.problem_files.program import (
     MOST_BYTES,
     ReadProgram,
+    check,
     check_sides,
     checked,
-    require,
     two_sided,
     with_infinities,
 )
@@ -53,7 +53,7 @@ def read_qps(path: Path) -> ReadProgram:
             content = file.read(MOST_BYTES + 1)
     except (OSError, EOFError, zlib.error) as error:
         raise ValueError(f"cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    require(len(content) <= MOST_BYTES, f"holds more than {MOST_BYTES} bytes of text")
+    check(len(content) <= MOST_BYTES, f"holds more than {MOST_BYTES} bytes of text")
     try:
         lines = content.decode("utf-8").splitlines()
     except UnicodeDecodeError:
@@ -95,15 +95,15 @@ class _Reader:
 
     def _header(self, name: str, argument: str = "") -> None:
         self.section, argument = name.upper(), argument.strip()
-        require(self.section in SECTIONS, f"the section {name!r} is not one of {', '.join(SECTIONS)}")
+        check(self.section in SECTIONS, f"the section {name!r} is not one of {', '.join(SECTIONS)}")
         allowed = {"NAME": argument, "OBJSENSE": argument, "QSECTION": self._objective}.get(self.section)
-        require(
+        check(
             argument in ("", allowed),
             f"{argument!r} follows {name}, "
             + (f"and only the objective, {allowed}, may be quadratic" if allowed else "which stands alone"),
         )
         kind = "quadratic" if self.section in QUADRATIC else self.section
-        require(kind not in self.seen, f"a second {kind} section")
+        check(kind not in self.seen, f"a second {kind} section")
         self.seen[kind] = self.section
         if self.section == "OBJSENSE" and argument:
             self._line(argument)
@@ -111,16 +111,16 @@ class _Reader:
     def _line(self, line: str) -> None:
         if self.section == "OBJSENSE":
             word = line.strip()
-            require(word.upper() in SENSES, f"the sense {word!r} is neither MIN nor MAX")
+            check(word.upper() in SENSES, f"the sense {word!r} is neither MIN nor MAX")
             _put(self.values["OBJSENSE"], "of the objective", SENSES[word.upper()], "sense")
             return
-        require(self.section not in ("", "NAME"), f"data in the section {self.section or 'before any section'}")
+        check(self.section not in ("", "NAME"), f"data in the section {self.section or 'before any section'}")
         kind, head, pairs = self._fields([line[field].strip() for field in FIXED] if self.fixed else line.split())
         if self.section in ("RHS", "RANGES", "BOUNDS"):
-            one = self.vectors.setdefault(self.section, head)
-            require(one == head, f"a second vector {head!r} in the section {self.section}")
+            vector = self.vectors.setdefault(self.section, head)
+            check(vector == head, f"a second vector {head!r} in the section {self.section}")
         if self.section == "ROWS":
-            require(kind.upper() in ("N", "E", "L", "G"), f"the kind of row {kind!r} is not one of N, E, L, G")
+            check(kind.upper() in ("N", "E", "L", "G"), f"the kind of row {kind!r} is not one of N, E, L, G")
             _put(self.kinds, head, kind.upper(), "row")
         elif self.section == "BOUNDS":
             self._bound(kind.upper(), *pairs[0])
@@ -136,23 +136,23 @@ class _Reader:
     def _fields(self, words: list[str]) -> Fields:
         """The name of a vector is optional, and so is the value of a bound without one."""
         words = [word for word in words if word]
-        require("'MARKER'" not in words, "marks integer variables, and only continuous ones are taken")
+        check("'MARKER'" not in words, "marks integer variables, and only continuous ones are taken")
         counts, kind = FIELDS.get(self.section, (3, 5)), words.pop(0) if self.section in ("ROWS", "BOUNDS") else ""
         if kind.upper() in WITHOUT_VALUE and self.section == "BOUNDS":  # some files give one
             words = [*words[: 2 if len(words) > 1 and words[1] in self.columns else 1], "0"]
-        require(len(words) in counts, f"has {len(words)} fields instead of {' or '.join(map(str, counts))}")
+        check(len(words) in counts, f"has {len(words)} fields instead of {' or '.join(map(str, counts))}")
         head = words.pop(0) if len(words) % 2 else ""
         return kind, head, list(zip(words[::2], words[1::2], strict=True))
 
     def _element(self, head: str, name: str, text: str) -> None:
         value, quadratic = _number(text), self.section in QUADRATIC
         may_be_infinite = self.section == "RANGES" or (self.section == "RHS" and self.kinds.get(name) not in ("N", "E"))
-        require(may_be_infinite or np.isfinite(value), f"{text!r} is not a finite number")
+        check(may_be_infinite or np.isfinite(value), f"{text!r} is not a finite number")
         for column in (head, name):
-            require(not quadratic or column in self.columns, f"there is no column {column!r}")
-        require(quadratic or name in self.kinds, f"there is no row {name!r}")
+            check(not quadratic or column in self.columns, f"there is no column {column!r}")
+        check(quadratic or name in self.kinds, f"there is no row {name!r}")
         if quadratic:
-            require(
+            check(
                 self.section == "QMATRIX" or head == name or (name, head) not in self.values["quadratic"],
                 f"the element of {head!r} and {name!r} stands on both sides of the diagonal; that is QMATRIX",
             )
@@ -161,22 +161,22 @@ class _Reader:
             self.columns.setdefault(head, len(self.columns))
             _put(self.values["COLUMNS"], (name, head), value, "element")
         else:
-            require(
+            check(
                 self.section != "RANGES" or self.kinds[name] != "N", f"the row {name!r} is of kind N and has no range"
             )
-            require(
+            check(
                 self.section != "RHS" or with_infinities(value) != {"L": -np.inf, "G": np.inf}.get(self.kinds[name]),
                 f"no number is {text} or {'below' if value < 0.0 else 'beyond'}, which the row {name!r} asks for",
             )
             _put(self.values[self.section], name, value, "row")
 
     def _bound(self, kind: str, column: str, text: str) -> None:
-        require(column in self.columns, f"there is no column {column!r}")
-        require(kind in BOUNDS, f"the kind of bound {kind!r} is not one of {', '.join(BOUNDS)}")
+        check(column in self.columns, f"there is no column {column!r}")
+        check(kind in BOUNDS, f"the kind of bound {kind!r} is not one of {', '.join(BOUNDS)}")
         value = 0.0 if kind in WITHOUT_VALUE else float(with_infinities(_number(text)))
-        require(
+        check(
             value != {"LO": np.inf, "UP": -np.inf}.get(kind) and (kind != "FX" or np.isfinite(value)),
-            f"no number of the column {column!r} is within the bound {text}",
+            f"no value of the column {column!r} satisfies the bound {text}",
         )
         sides = {
             "LO": {"lower": value},
@@ -188,14 +188,14 @@ class _Reader:
         }
         for which, side in sides[kind].items():
             before = self.values[which].setdefault(column, side)
-            require(
+            check(
                 before == side,
                 f"the {which} bound of the column {column!r} is given twice, as {before:g} and as {side:g}",
             )
 
     def _program(self) -> ReadProgram:
         objective, d, sign = self._objective, len(self.columns), self.values["OBJSENSE"].get("of the objective", 1.0)
-        require(objective is not None and d, f"has no {'objective' if d else 'columns'}")
+        check(objective is not None and d, f"has no {'objective' if d else 'columns'}")
         linear, right, ranges, lower, upper = (
             self.values[name] for name in ("COLUMNS", "RHS", "RANGES", "lower", "upper")
         )
@@ -234,7 +234,7 @@ def _sparse(elements: Sequence[tuple[int, int, float]], shape: tuple[int, int]) 
 
 
 def _put(into: dict[Any, Any], name: Any, value: Any, what: str) -> None:
-    require(name not in into, f"the {what} {name if isinstance(name, str) else ', '.join(name)} is given twice")
+    check(name not in into, f"the {what} {name if isinstance(name, str) else ', '.join(name)} is given twice")
     into[name] = value
 
 
@@ -243,5 +243,5 @@ def _number(text: str) -> float:
         value = float(text.replace("D", "E").replace("d", "e"))
     except ValueError:
         value = np.nan
-    require(not np.isnan(value) and "_" not in text, f"{text!r} is not a number")
+    check(not np.isnan(value) and "_" not in text, f"{text!r} is not a number")
     return value

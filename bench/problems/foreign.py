@@ -24,7 +24,7 @@ from scipy.sparse import csc_matrix, diags
 
 from bench.problem_files import READERS, ReadProgram, read, suffix_of
 from bench.problem_files.npz import opened, unpacked_program
-from bench.problem_files.program import about, checked, require
+from bench.problem_files.program import about, check, checked
 from bench.problem_files.qpbenchmark_set import read_test_set
 from bench.problems.equilibration import equilibrated
 from bench.problems.proofs import isolated, proof, proven, require_size
@@ -48,9 +48,9 @@ class ForeignPrograms(ProblemSet):
         super().__init__(seed, **options)
         try:
             self.work = float(self.options.get("work", WORK))
-            require(self.work >= 1.0, "")
+            check(self.work >= 1.0, "")
         except ValueError:
-            raise ProblemSetError(f"work is {self.options['work']!r} and not a number of bit operations") from None
+            raise ProblemSetError(f"work must be a number of bit operations, not {self.options['work']!r}") from None
 
     def names(self) -> Sequence[str]:
         """Names of the programs."""
@@ -62,7 +62,7 @@ class ForeignPrograms(ProblemSet):
 
     def problems(self) -> Iterator[RaceProblem]:
         """Read, scale and certify, several in parallel; failures are left out with the reason."""
-        calls = [(self.name, name, read, self.work) for name, read in self.sources() if name in self.wanted]
+        calls = [(self.name, name, read, self.work) for name, read in self.sources() if name in self.selected]
         with closing(proven(certified, calls)) as made:
             for (_, name, *_), problem in zip(calls, made, strict=True):
                 if isinstance(problem, NotCertified):
@@ -73,21 +73,21 @@ class ForeignPrograms(ProblemSet):
 
 def certified(set_name: str, name: str, read: Source, work: float) -> RaceProblem:
     """Read a program and prove its optimum in both scalings, or replay the proofs of a saved problem."""
-    given = read()
-    if isinstance(given, RaceProblem):
-        if wrong := given.wrong_proofs():
+    source = read()
+    if isinstance(source, RaceProblem):
+        if wrong := source.wrong_proofs():
             raise NotCertified(next(iter(wrong.values())))
-        return replace(given, set_name=set_name, name=name)
-    require_size(given.qp)
-    scaled, unit, cost = equilibrated(given.qp)
+        return replace(source, set_name=set_name, name=name)
+    require_size(source.qp)
+    scaled, unit, cost = equilibrated(source.qp)
     of_scaled = proof(scaled, work=work)
-    of_raw = proof(given.qp, lambda _: unit * np.array(of_scaled.x), work)
-    units, ones = (csc_matrix(diags(each)) for each in (unit, np.ones(unit.size)))
+    of_raw = proof(source.qp, lambda _: unit * np.array(of_scaled.x), work)
+    units, ones = (csc_matrix(diags(diagonal)) for diagonal in (unit, np.ones(unit.size)))
     forms: dict[Scaling, CertifiedForm] = {
-        "scaled": CertifiedForm(scaled, cost * given.constant, units, of_scaled, cost_unit=cost),
-        "raw": CertifiedForm(given.qp, given.constant, ones, of_raw, cost_unit=1.0),
+        "scaled": CertifiedForm(scaled, cost * source.constant, units, of_scaled, cost_unit=cost),
+        "raw": CertifiedForm(source.qp, source.constant, ones, of_raw, cost_unit=1.0),
     }
-    return RaceProblem(set_name, name, forms, sense=given.sense)
+    return RaceProblem(set_name, name, forms, sense=source.sense)
 
 
 class Foreign(ForeignPrograms):
@@ -107,12 +107,12 @@ class Foreign(ForeignPrograms):
         there = sorted(path for path in folder.iterdir() if path.is_file() and not path.name.startswith("."))
         self.files = [path for path in there if suffix_of(path) in READERS]
         self.left_out = {
-            path.name: f"is of a format that is not read; a program is in a file {', '.join(READERS)}"
+            path.name: f"is of an unknown format; programs are read from {', '.join(READERS)}"
             for path in there
             if suffix_of(path) not in (*READERS, *DOCUMENTS)
         }
         if not self.files:
-            raise ProblemSetError(f"{folder}: holds no program; one is in a file {', '.join(READERS)}")
+            raise ProblemSetError(f"{folder}: holds no program; programs are read from {', '.join(READERS)}")
 
     def sources(self) -> Sequence[tuple[str, Source]]:
         """The files; the suffix is part of a name that is there twice."""

@@ -36,9 +36,9 @@ def mixed(form: CertifiedForm, shares: Matrix, factors: Matrix) -> tuple[Matrix 
         return None, form.qp.q * factors
     dense = form.qp.P if isinstance(form.qp.P, np.ndarray) else form.qp.P.toarray()  # update takes dense data
     P, q = np.zeros((len(shares), *dense.shape)), np.zeros((len(shares), form.qp.q.size))
-    for share, part in zip(shares.T, (Window(dense, form.qp.q, form.c), *form.windows), strict=True):
-        P += share[:, None, None] * part.P
-        q += share[:, None] * part.q
+    for share, window in zip(shares.T, (Window(dense, form.qp.q, form.c), *form.windows), strict=True):
+        P += share[:, None, None] * window.P
+        q += share[:, None] * window.q
     return P, q * factors
 
 
@@ -79,7 +79,7 @@ class FreshData:
         self._permutation = self._generator.permutation(count)
         self.certified = cache(lambda call: proven_mixture(form, *self.draw(call)))
         """The program of a call with its certified optimum; None if it cannot be proven."""
-        self._found: dict[int, Vector] = {}
+        self._near_optima: dict[int, Vector] = {}
 
     def in_secret_order(self, calls: Index) -> list[int]:
         """Some calls, as they come in the permutation."""
@@ -89,13 +89,13 @@ class FreshData:
         """Bounds of the larger of cost gap and violation of the answers (n, d) to these calls (n,), each (n,)."""
         low, high = np.zeros(len(answers)), np.full(len(answers), math.inf)
         for first in range(0, len(answers) if has_bounds_only(self._form) else 0, self.calls_at_once):
-            part = slice(first, first + self.calls_at_once)
-            here, shares = calls[part], self._shares[calls[part]]
+            batch = slice(first, first + self.calls_at_once)
+            here, shares = calls[batch], self._shares[calls[batch]]
             P, q = mixed(self._form, shares, self._factors[here])
             near = np.array([self._near(int(call), P if P is None else P[i], q[i]) for i, call in enumerate(here)])
             c = shares @ [self._form.c, *(window.c for window in self._form.windows)]
-            low[part], high[part] = gap_bounds(
-                self._form, self._form.qp.P[None] if P is None else P, q, c, shares @ self._least, answers[part], near
+            low[batch], high[batch] = gap_bounds(
+                self._form, self._form.qp.P[None] if P is None else P, q, c, shares @ self._least, answers[batch], near
             )
         return low, high
 
@@ -105,12 +105,12 @@ class FreshData:
 
     def _near(self, call: int, P: Matrix | None, q: Vector) -> Vector:
         """A point within the bounds, near the optimum of a call; NaN if there is none."""
-        if call not in self._found:
-            self._found[call] = np.full(q.size, math.nan)
+        if call not in self._near_optima:
+            self._near_optima[call] = np.full(q.size, math.nan)
             with suppress(ValueError):  # it refuses a program that is not safely definite, which needs a proof
                 self._solver.update(P=P, q=q)
-                self._found[call] = np.array(self._solver.solve())
-        return self._found[call]
+                self._near_optima[call] = np.array(self._solver.solve())
+        return self._near_optima[call]
 
     @cached_property
     def _solver(self) -> Solver:

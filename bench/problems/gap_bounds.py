@@ -64,7 +64,9 @@ def gap_bounds(form: CertifiedForm, P: Matrix, q: Matrix, c: Vector, least: Vect
         From 0 to ∞ where nothing is known, and ∞ for an answer that is not finite.
     """
     d = q.shape[1]
-    lb, ub = (np.full(d, end) if part is None else part for part, end in ((form.qp.lb, -np.inf), (form.qp.ub, np.inf)))
+    lb, ub = (
+        np.full(d, end) if bound is None else bound for bound, end in ((form.qp.lb, -np.inf), (form.qp.ub, np.inf))
+    )
     gamma, gamma_g = ((n := terms * UNIT) / (1.0 - n) for terms in (4 * d + 16, d + 2))
     with np.errstate(all="ignore"):
         feasible = np.clip(x, lb, ub)

@@ -157,12 +157,12 @@ class RaceProblem:
     @cached_property
     def digest(self) -> str:
         """Digest of the programs in every scaling."""
-        found = hashlib.sha256()
+        hasher = hashlib.sha256()
         for scaling, form in sorted(self.forms.items()):
-            found.update(f"{scaling} {form.c!r}".encode())
+            hasher.update(f"{scaling} {form.c!r}".encode())
             for name, value in sorted(packed_program(form.qp, "").items()):
-                found.update(f" {name} {value.shape}".encode() + value.tobytes())
-        return found.hexdigest()[:16]
+                hasher.update(f" {name} {value.shape}".encode() + value.tobytes())
+        return hasher.hexdigest()[:16]
 
     @cached_property
     def optimal_weights(self) -> Vector:
@@ -202,8 +202,8 @@ class RaceProblem:
             arrays |= packed(f"{scaling}/to_weights", form.to_weights)
             arrays |= {f"{scaling}/{name}_start": start for name, start in form.starts.items()}
             if form.windows:
-                parts = ((name, [getattr(window, name) for window in form.windows]) for name in "Pqc")
-                arrays |= {f"{scaling}/windows/{name}": np.array(values) for name, values in parts}
+                windows = ((name, [getattr(window, name) for window in form.windows]) for name in "Pqc")
+                arrays |= {f"{scaling}/windows/{name}": np.array(values) for name, values in windows}
         if self.validation is not None:
             v = self.validation
             meta |= {"structure": v.structure.to_dict(), **({} if math.isnan(v.noise_um) else {"noise_um": v.noise_um})}
@@ -225,7 +225,7 @@ class RaceProblem:
             for scaling, text in meta["certificates"].items():
                 qp = unpacked_program(data, f"{scaling}/")
                 starts = {name: unpacked(data, f"{scaling}/{name}_start") for name in STARTS}
-                parts = [data[f"{scaling}/windows/{name}"] for name in "Pqc" if f"{scaling}/windows/P" in data.files]
+                windows = [data[f"{scaling}/windows/{name}"] for name in "Pqc" if f"{scaling}/windows/P" in data.files]
                 proof = Certificate.from_json(text) if text else proofs.proof(qp)
                 forms[scaling] = CertifiedForm(
                     qp,
@@ -234,7 +234,7 @@ class RaceProblem:
                     proof,
                     {name: start for name, start in starts.items() if start is not None},
                     meta.get("cost_unit", {}).get(scaling, 0.0),
-                    tuple(Window(P, q, float(c)) for P, q, c in zip(*parts, strict=True)),
+                    tuple(Window(P, q, float(c)) for P, q, c in zip(*windows, strict=True)),
                 )
             if not forms:
                 raise ProblemFileError(f"{path}: holds no certificate")
@@ -242,7 +242,7 @@ class RaceProblem:
             if "structure" in meta:
                 play, creep, x, y = (doubles(name, data[f"validation/{name}"]) for name in ("play", "creep", "x", "y"))
                 state = OperatorState(play, creep)
-                state.require(meta["structure"])
+                state.check_fits(meta["structure"])
                 validation = Validation(meta["structure"], state, x, y, meta.get("noise_um", math.nan))
         return cls(meta["set"], meta["name"], forms, validation, meta.get("sense", 1.0))
 
@@ -305,8 +305,8 @@ class ProblemSet(ABC):
     ----------
     left_out : dict of str to str
         Problems that are not raced, with the reason; complete when :meth:`problems` is exhausted.
-    wanted : set of str
-        Names of the problems that are needed; all by default. :meth:`problems` need not make the others.
+    selected : set of str
+        Names of the problems to make; all by default. :meth:`problems` may skip the others.
 
     Raises
     ------
@@ -337,7 +337,7 @@ class ProblemSet(ABC):
         """Names of the problems, in their order."""
 
     @cached_property
-    def wanted(self) -> Set[str]:
+    def selected(self) -> Set[str]:
         """All names."""
         return {*self.names()}
 

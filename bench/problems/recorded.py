@@ -30,7 +30,7 @@ ORDERS = ((5, 3), (2, 1), (8, 4), (12, 6), (20, 9))
 """(n, m), for d = 19, 9, 27, 39, 61 with the offset."""
 WINDOWS = {"whole": 1.0, "half": 0.5, "tenth": 0.1}
 """Share of the fitted part that a window covers, up to its end."""
-KEPT_BACK = 0.2
+HELD_OUT_SHARE = 0.2
 TWO_FILES = "two files"
 """In place of a recording's path, if the options input and output name one file for each."""
 HELD_OUT, FITTED = "held out", "fitted"
@@ -47,9 +47,7 @@ class Recorded(ProblemSet):
 
     name = "recorded"
     origin = "a recording of yours"
-    description = (
-        "a recording of your own at several orders and over several windows, the last fifth kept back to judge"
-    )
+    description = "a recording of your own at several orders and over several windows, the last fifth held out"
     needs: ClassVar = {"recording": "a recording in any known format"}
     takes: ClassVar = {
         "time": "time column",
@@ -72,16 +70,16 @@ class Recorded(ProblemSet):
         return Recording.open(None if path == TWO_FILES else path, time, input, output, **reading)
 
     @cached_property
-    def _parts(self) -> tuple[Recording, Recording]:
+    def _split(self) -> tuple[Recording, Recording]:
         """The fitted part and the unseen part."""
-        fitted = round((1.0 - KEPT_BACK) * self._whole.length)
-        return part(self._whole, slice(fitted)), part(self._whole, slice(fitted, fitted + LONGEST_VALIDATION))
+        fitted = round((1.0 - HELD_OUT_SHARE) * self._whole.length)
+        return excerpt(self._whole, slice(fitted)), excerpt(self._whole, slice(fitted, fitted + LONGEST_VALIDATION))
 
     @cached_property
     def _of_fitted(self) -> HysteresisCreepModel | IdentificationError:
         """The model of the fitted part, or the reason for its absence."""
         try:
-            return identify(self._parts[0], dynamics="ignore")  # programs (6) are those of a static stage
+            return identify(self._split[0], dynamics="ignore")  # programs (6) are those of a static stage
         except IdentificationError as refusal:
             return refusal
 
@@ -97,31 +95,31 @@ class Recorded(ProblemSet):
         """The model of the whole recording, and the error of that of the fitted part on the unseen part."""
         if isinstance(self._of_fitted, IdentificationError):
             raise self._of_fitted
-        return identify(self._whole, dynamics="ignore"), self._of_fitted.validate(self._parts[1]).fit.rms_percent
+        return identify(self._whole, dynamics="ignore"), self._of_fitted.validate(self._split[1]).fit.rms_percent
 
     def digests(self) -> dict[str, str]:
         """What the unseen part is to a model of the fitted part and to one of the whole recording."""
-        return {self._parts[0].digest(): HELD_OUT, self._whole.digest(): FITTED}
+        return {self._split[0].digest(): HELD_OUT, self._whole.digest(): FITTED}
 
     def problems(self) -> Iterator[RaceProblem]:
         """Accumulate and certify each window at each order; windows that are too short are left out."""
-        recording, unseen = self._parts
+        recording, unseen = self._split
         fitted, until = recording.length, (*unseen.starts, unseen.length)[1]
         noise, (orders, rates) = sensor_noise(self._whole.counted_y), self._orders_and_rates
         for n, m in orders:
-            fitted_part = preprocessed(recording, n, m, rates)
-            s = fitted_part.structure
+            prepared = preprocessed(recording, n, m, rates)
+            s = prepared.structure
             for window, share in WINDOWS.items():
-                name, start = f"n{n}-m{m}-{window}", max(fitted_part.skip, round((1.0 - share) * fitted))
+                name, start = f"n{n}-m{m}-{window}", max(prepared.skip, round((1.0 - share) * fitted))
                 if fitted - start <= s.d:
                     self.left_out[name] = f"{fitted - start} samples are too few for {s.d} weights"
                     continue
                 basis = DataBasis(s)
-                _update(basis, recording, fitted_part, 0, start, count=False)
+                _update(basis, recording, prepared, 0, start, count=False)
                 middle = (start + fitted) // 2
-                _update(basis, recording, fitted_part, start, middle)
+                _update(basis, recording, prepared, start, middle)
                 first_half = basis.problem(proximal=PROXIMAL)
-                _update(basis, recording, fitted_part, middle, fitted)
+                _update(basis, recording, prepared, middle, fitted)
                 validation = Validation(s, basis.state.copy(), unseen.x[:until], unseen.counted_y[:until], noise)
                 yield certified(self.name, name, basis.problem(proximal=PROXIMAL), validation, neighbours=[first_half])
 
@@ -137,7 +135,7 @@ def _update(
         basis.update(recording.x[begin:end], recording.counted_y[begin:end], count)
 
 
-def kept_back(problem: RaceProblem) -> Recording:
+def held_out_recording(problem: RaceProblem) -> Recording:
     """The unseen part of the recording, from any problem of this set."""
     v = problem.validation
     assert v is not None
@@ -167,9 +165,9 @@ def sensor_noise(y: NDArray[np.float64]) -> float:
     return float(np.nanmedian(np.abs(np.diff(y, 3))) / 0.6745 / np.sqrt(20.0))
 
 
-def part(whole: Recording, samples: slice) -> Recording:
+def excerpt(whole: Recording, samples: slice) -> Recording:
     """A slice of a recording, as a recording of its own with the same parts."""
-    found = Recording.from_arrays(
+    recording = Recording.from_arrays(
         whole.x[samples],
         whole.counted_y[samples],
         whole.sample_time,
@@ -177,7 +175,7 @@ def part(whole: Recording, samples: slice) -> Recording:
         output_unit=whole.output_unit,
         name=f"{whole.name}, samples {samples.start or 0} to {min(samples.stop, whole.length) - 1}",
     )
-    return replace(found, starts=whole.part(samples).starts)
+    return replace(recording, starts=whole.part(samples).starts)
 
 
 def preprocessed(recording: Recording, n: int, m: int, creep_rates: Sequence[float]) -> InitialFit:

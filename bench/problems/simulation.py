@@ -138,7 +138,7 @@ class Simulated(ProblemSet):
     def problems(self) -> Iterator[RaceProblem]:
         """Drive, measure, accumulate and certify."""
         for name, experiment in self.experiments.items():
-            if name in self.wanted:
+            if name in self.selected:
                 yield replace(experiment, seed=self.seed + experiment.seed).problem(self.name, name)
 
 

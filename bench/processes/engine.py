@@ -46,25 +46,25 @@ class Workers:
         if self.backend == "dask" and self.count > 1:
             raise RaceError("--workers is for this machine; a Dask cluster has its own number of workers")
         if self.backend == "local" and self.scheduler:
-            raise RaceError("a scheduler goes with --backend dask")
+            raise RaceError("--scheduler needs --backend dask")
         if self.backend == "local" and self.count > len(cores.usable()):
             raise RaceError(f"{self.count} workers need a core each, and this machine has {len(cores.usable())}")
 
     @property
-    def is_one(self) -> bool:
+    def is_single(self) -> bool:
         """Whether this process does everything."""
         return self.backend == "local" and self.count == 1
 
 
 @contextmanager
 def started(workers: Workers, at_end: Callable[[], None] | None = None) -> Iterator[MapUnordered]:
-    """Start workers; the function that is given calls a picklable function with each item on them, and yields the
+    """Start workers; the yielded function calls a picklable function with each item on them, and yields the
     results in any order.
 
     A cluster repeats an item whose worker was lost; the loss of a local worker is a ChildProcessError, and the caller
     says how to continue. ``at_end`` is called in each worker of a cluster; local workers end instead.
     """
-    if workers.is_one:
+    if workers.is_single:
         yield map
         return
     with _local(workers.count) if workers.backend == "local" else _cluster(workers.scheduler, at_end) as executor:
@@ -73,7 +73,7 @@ def started(workers: Workers, at_end: Callable[[], None] | None = None) -> Itera
                 done.result() for done in as_completed([executor.submit(function, item) for item in items])
             )
         except BrokenProcessPool:
-            raise ChildProcessError("a worker was killed, perhaps for want of memory") from None
+            raise ChildProcessError("a worker was killed, perhaps for lack of memory") from None
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""A fixed piece of work, timed at the start, in the course and at the end of a race, that shows the machine's drift.
+"""A reference workload, timed at the start, in the course and at the end of a race, that shows the machine's drift.
 
     x ← Q x, 64 times, with Q orthogonal (32, 32): independent of solvers, problems and this project's kernels
 
@@ -109,10 +109,10 @@ def _of_fifths(samples: pd.DataFrame) -> NDArray[np.float64]:
     """The median ratio in each fifth of the samples of each core."""
     return np.array(
         [
-            np.median(part)
+            np.median(fifth)
             for _, core in samples.groupby(["host", "core"])
-            for part in np.array_split(core.ratio.to_numpy(), FIFTHS)
-            if part.size
+            for fifth in np.array_split(core.ratio.to_numpy(), FIFTHS)
+            if fifth.size
         ]
     )
 
@@ -125,17 +125,15 @@ def sentences(samples: pd.DataFrame) -> list[str]:
     if drift(samples) > TOLERATED:
         fifths = 100.0 * (_of_fifths(samples) - 1.0)
         warnings.append(
-            f"The machine drifted: a fixed piece of work was timed {len(samples)} times in the course of the "
-            "run, and the medians of the "
-            f"fifths of these differ by {fifths.min():+.0f} % to {fifths.max():+.0f} % from that of all, so a "
-            "difference of that size between two figures may be the machine's."
+            f"The speed of the machine drifted: of {len(samples)} timings of a reference workload, the medians of the "
+            f"fifths of the run differ by {fifths.min():+.0f} % to {fifths.max():+.0f} % from the median of all, so "
+            "differences of that size between two figures may be due to the machine."
         )
     more = samples.ratio / samples.groupby(["host", "core"]).ratio.transform("quantile", UNDISTURBED) - 1.0
     if (slow := float((more > TOLERATED).mean())) > TOLERATED_SLOW:
         warnings.append(
-            f"The machine was slow now and then: a fixed piece of work took over {100.0 * TOLERATED:.0f} % "
-            "longer than when undisturbed in "
-            f"{100.0 * slow:.0f} % of {len(samples)} trials, at most {100.0 * more.max():.0f} % longer, as "
-            "where a neighbour uses the same core, so the times of a single row may be too long by as much."
+            f"The machine was slow at times: a reference workload took over {100.0 * TOLERATED:.0f} % longer than when "
+            f"undisturbed in {100.0 * slow:.0f} % of {len(samples)} trials, up to {100.0 * more.max():.0f} % longer, "
+            "as when a neighbour uses the same core, so the times of a single row may be too long by as much."
         )
     return warnings

@@ -17,7 +17,7 @@ from bench.timing import cores, machine
 from piezo_model.atomic_file import replacing
 
 
-def drive(race: Race, workers: engine.Workers) -> None:
+def run_tasks(race: Race, workers: engine.Workers) -> None:
     """Do the tasks that are not done yet."""
     run, progress, done, total = race.run, race.progress, 0, 0
 
@@ -30,16 +30,16 @@ def drive(race: Race, workers: engine.Workers) -> None:
     with ExitStack() as resources:
         race.prepare()
         settings, core = race.child, None
-        if workers.is_one:
+        if workers.is_single:
             core = resources.enter_context(cores.claim()).number
         pool = resources.enter_context(SolverPool(entries, settings, core))
         lanes = lanes_here(run, pool)
-        if not workers.is_one:
+        if not workers.is_single:
             pool.close()
         map_unordered = resources.enter_context(engine.started(workers, engine.close_workers))
         for parts in race.passes(lanes):
             total += sum(len(part.tasks) for part in parts)
-            if workers.is_one:
+            if workers.is_single:
                 for part in parts:
                     part.do(pool, tell)
             else:

@@ -132,6 +132,6 @@ def apart(work: pd.DataFrame, times: tuple[float, float], gaps: tuple[float, flo
         for k, i in enumerate(names.index):
             others = names.index[:k]
             others = others[((x + work.dx)[others] - x[i] - work.dx[i]).abs() < half[others] + half[i]]
-            taken = (y + work.dy)[others] - y[i]
-            work.loc[i, "dy"] = next(shift for shift in shifts if ((taken - shift).abs() >= LINE).all())
+            distances = (y + work.dy)[others] - y[i]
+            work.loc[i, "dy"] = next(shift for shift in shifts if ((distances - shift).abs() >= LINE).all())
     return work

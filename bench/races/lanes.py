@@ -50,8 +50,13 @@ def checked(settings: RaceSettings, preload: Iterable[str] = ()) -> list[Entry]:
     check_options(settings.problem_sets, settings.set_options)
     sets = [make(problem_set, settings.seed, settings.set_options) for problem_set in settings.problem_sets]
     if settings.problems:
-        names = {each.name: each.names() for each in sets}
-        known = {name for set_name, of_set in names.items() for each in of_set for name in (each, f"{set_name}/{each}")}
+        names = {problem_set.name: problem_set.names() for problem_set in sets}
+        known = {
+            name
+            for set_name, of_set in names.items()
+            for problem in of_set
+            for name in (problem, f"{set_name}/{problem}")
+        }
         if missing := [name for name in settings.problems if name not in known]:
             listed = "; ".join(f"{set_name}: {', '.join(of_set)}" for set_name, of_set in names.items())
             raise ProblemSetError(f"there is no problem {missing[0]!r} in these sets; {listed}")

@@ -39,21 +39,21 @@ def judge_timed(problem: RaceProblem, fresh: FreshData, calls: Index, answers: M
     """
     low, high = fresh.gap_bounds(calls, answers)
     is_open = np.any([(low <= tolerance) & (high > tolerance) for tolerance in TOLERANCE.values()], axis=0)
-    given = dict(zip(map(int, calls), answers, strict=True))
+    answer_of = dict(zip(map(int, calls), answers, strict=True))
     gaps = dict(zip(map(int, calls[~is_open]), high[~is_open], strict=True))
     for call in fresh.in_secret_order(calls[is_open])[:few]:
         if (proven := fresh.certified(call)) is not None:
-            gaps[call] = max(relative_gap(proven, given[call]))
+            gaps[call] = max(relative_gap(proven, answer_of[call]))
     by_gap = sorted(gaps, key=lambda call: -gaps[call])
     worst, form = next(((call, form) for call in by_gap if (form := fresh.certified(call))), (-1, None))
     if form is None:
         return {}
-    answer, shares, factors = (tuple(map(float, part)) for part in (given[worst], *fresh.draw(worst)))
+    answer, shares, factors = (tuple(map(float, values)) for values in (answer_of[worst], *fresh.draw(worst)))
     return {
         "judged": len(gaps),
         "draw_seed": fresh.seed,
         **{name: sum(gap > TOLERANCE[tier] for gap in gaps.values()) for tier, name in MISSES.items()},
-        **timed_measures(problem, form, given[worst]),
+        **timed_measures(problem, form, answer_of[worst]),
         "timed_call": worst,
         "timed_answer": answer,
         "timed_shares": shares,
@@ -104,7 +104,7 @@ def judge(problem: RaceProblem, scaling: Scaling, outcome: Outcome) -> Row:
         if dual is not None and primal is not None and dual.shape != primal.shape:
             return {
                 "status": str(Status.ADAPTER_FAILED),
-                "message": f"the duals {name} are of shape {dual.shape} and not {primal.shape}",
+                "message": f"duals {name}: expected shape {primal.shape}, got {dual.shape}",
             }
     solution = Solution(form.qp, x=x, y=outcome.y, z=outcome.z, z_box=outcome.z_box, found=True)
     return {

@@ -9,7 +9,7 @@ and interleaved solves. Each solver lane has one setting here: the one chosen fo
 defaults, by first answers alone. Timed answers are not used for this choice, since each race draws their data anew: two
 races of the same problems would then be interleaved at different settings, and could not be compared.
 
-*Scheduled* calls, if wanted, follow the clock of `bench.timing.schedule`: each sample brings data of its own.
+*Scheduled* calls, if requested, follow the clock of `bench.timing.schedule`: each sample brings data of its own.
 
 Interleaved solvers are each ready in their own process, all on the same core. In every round each of them does one
 update and solve, in a shuffled order, so that it finds the caches as the others left them. Cold and warm solves have
@@ -121,15 +121,15 @@ class Part:
             part.save(row_of(self.problem, task, outcome, fresh, self.proven, here), outcome.times)
 
         @cache
-        def fresh(place: int, way: Timed, start: Start) -> FreshData:
+        def fresh(place: int, timing: Timed, start: Start) -> FreshData:
             """Data of a task, other for each setting of a solver, so that answers kept from another are of no use."""
-            return FreshData(self.form, self.settings.schedule if way == SCHEDULED else self._effort(way).most)
+            return FreshData(self.form, self.settings.schedule if timing == SCHEDULED else self._effort(timing).most)
 
-        for (_, _, way, start), ladder in groupby(
+        for (_, _, timing, start), ladder in groupby(
             self.tasks, lambda task: (task.solver, task.lane, task.timed, task.start)
         ):
-            if way != INTERLEAVED:
-                self._ladder(part, save, pool, tell, [(task, fresh(i, way, start)) for i, task in enumerate(ladder)])
+            if timing != INTERLEAVED:
+                self._ladder(part, save, pool, tell, [(task, fresh(i, timing, start)) for i, task in enumerate(ladder)])
         for start in ("cold", "warm"):
             tasks = [task for task in self.tasks if (task.timed, task.start) == (INTERLEAVED, start)]
             if any(task.key not in part.rows for task in tasks):
@@ -139,8 +139,8 @@ class Part:
                     if task.key not in part.rows:
                         save(task, outcome, drawn)
 
-    def _effort(self, way: Timed) -> Effort:
-        return Effort(1.0, 1, self.calls) if way == "long" else self.settings.effort
+    def _effort(self, timing: Timed) -> Effort:
+        return Effort(1.0, 1, self.calls) if timing == "long" else self.settings.effort
 
     def _ladder(
         self, part: PartFile, save: Save, pool: SolverPool, tell: Tell, tasks: Sequence[tuple[Task, FreshData]]
@@ -193,7 +193,7 @@ def second_pass(run: Run, settings: RaceSettings, lanes: Sequence[Described], fi
             more += [replace(task, timed="long")] if line["longer"] else []
             more += starts[1:]
             if line["interleaved"] and settings.rounds:
-                more += [replace(each, timed="interleaved") for each in starts]
+                more += [replace(start, timed="interleaved") for start in starts]
             if line["interleaved"] and settings.schedule:
                 more.append(replace(task, timed="scheduled"))
         yield replace(part, name=f"{part.name}--second", tasks=tuple(more), calls=calls)

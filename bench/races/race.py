@@ -113,18 +113,18 @@ def tasks_of(
     task = partial(Task, problem.set_name, problem.name, scaling, repeat=repeat, d=problem.d)
     for solver in solvers:
         named = partial(task, solver.name, solver.lane)
-        given = settings.given.get(solver.name, "")
-        measured = first_pass_settings(solver, given) if first else [default_setting(solver)]
+        override = settings.given.get(solver.name, "")
+        measured = first_pass_settings(solver, override) if first else [default_setting(solver)]
         yield from map(named, measured)
         if solver.name == PAPER and "line" in problem.forms[scaling].starts:
             yield from (named(setting, start="line") for setting in measured)
 
 
-def first_pass_settings(solver: Described, given: str = "") -> Sequence[Setting]:
-    """The settings of a solver that are measured in the first scaling: the default and ``given``, or the ladder."""
-    if given:
-        text = setting_text({**solver.defaults, **decoded(given, dict[str, Any])})
-        return [default_setting(solver), Setting(text, 0, is_default=False, given=given)]
+def first_pass_settings(solver: Described, override: str = "") -> Sequence[Setting]:
+    """The settings of a solver that are measured in the first scaling: the default and ``override``, or the ladder."""
+    if override:
+        text = setting_text({**solver.defaults, **decoded(override, dict[str, Any])})
+        return [default_setting(solver), Setting(text, 0, is_default=False, override=override)]
     every = settings_ladder(solver)
     if solver.lane not in FAMILIES or not solver.exponents:
         return every

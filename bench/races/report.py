@@ -57,8 +57,8 @@ DEFINITIONS = (
     "optimum's. 1e-9 is numerics, stage is engineering.",
     "default: the library's own settings, judged like low. In the lanes qpsolvers and cvxpy these are the defaults "
     "of that package, which are not always the library's: cvxpy asks OSQP for 1e-5.",
-    "settings: one for all problems, the loosest that meets the tier ten times over on every one, else three times, "
-    "else once; those of the first problem are shown, since tolerances are multiples of a constant of each. A tier "
+    "settings: one for all problems, the loosest that meets the tier with a margin of 10 on every one, else of 3, else "
+    "of 1; those of the first problem are shown, since tolerances are multiples of a constant of each. A tier "
     "that no setting reaches on every problem is not reached.",
     "leave-one-out: the setting is chosen on the problems that it is judged on. This is the share of them on which the "
     "setting that the others choose is right; – where there are fewer than three problems.",
@@ -71,19 +71,17 @@ DEFINITIONS = (
     "worst gap: the largest cost gap or violation on any problem, of first and judged timed answers.",
     "primal and dual residual: as qpsolvers.Solution defines them, from the solver's own duals, on the worst problem. "
     "Weight error: ‖w − w*‖∞ / ‖w*‖∞. Model error: RMS error on unseen data, per cent of the range, median.",
-    "Times are medians over the problems; every solve follows an update with new q, and with new P "
-    "unless a program has but one. They are hot, the same "
-    "solver again and again; interleaved, it finds the caches that other solvers left. A controller with other work in "
-    "its period lies between the two.",
-    "p99 of an answer: of update and solve together, over all hot calls on all problems; – where there are fewer than "
-    "the 299 it takes.",
+    "Times are medians over the problems; every solve follows an update with new q, and with new P unless a program "
+    "has but one. They are hot, from repeated calls of one solver; interleaved with others, it finds the caches that "
+    "those left. A controller with other work in its period lies between the two.",
+    "p99 of an answer: of update and solve together, over all hot calls on all problems; – for fewer than 299 calls.",
     "periods: update and solve in sampling periods of the problem's data, or the steps of a method that takes one step "
     "a period.",
-    "warm: started from the optimum of the problem before, where problems follow each other; cold: from nothing.",
-    "floor: a solver that does nothing, which is what clock, call and machine cost.",
-    "drift: a fixed piece of work is timed every few seconds; this is how far the median of any fifth of these times "
-    "is from that of all, at most. Moments in which a neighbour slows the core leave medians over problems alone as "
-    "long as they are few, and are counted apart.",
+    "warm: started from the optimum of the problem before, where problems follow each other; cold: from scratch.",
+    "floor: a solver that does nothing: the cost of clock, call and machine.",
+    "drift: a reference workload is timed every few seconds; this is how far the median of any fifth of these times is "
+    "from the median of all, at most. Moments in which a neighbour slows the core hardly change medians over problems, "
+    "and are reported separately.",
     OURS_NOTE,
 )
 
@@ -100,7 +98,7 @@ def report(run: Run, race: RaceSettings) -> Report:
     note = ranking.yardstick(foreign=bool((costs.c == 0.0).any()), own=not (costs.c == 0.0).all())
     shown = lines.merge(costs.groupby(["problem_set", "scaling"]).optimum.agg(_span).reset_index(), how="left")
     right = shown.right.astype(str) + "/" + shown.problems.astype(str)
-    misses = dict(summary.kept(run, measurements, race.keep_misses))
+    misses = dict(summary.worst_misses(run, measurements, race.keep_misses))
     at_8_khz = schedule.on_schedule(measurements)
     beside, missed = ranking.like_with_like(measurements), summary.misses(measurements)
     versions, every = settings.get("lanes", {}), measured(measurements.all_rows)
@@ -137,7 +135,7 @@ def report(run: Run, race: RaceSettings) -> Report:
                 5,
                 filters=("lane", "problem", "status"),
                 note="Problems on which a solver is not within 1e-9, at its setting for 1e-9 or the one that is right "
-                "on most of them; solvers that are right on none are left out, but for yours. Timed gap: the largest "
+                "on most of them; solvers that are right on none are omitted, except yours. Timed gap: the largest "
                 "gap or violation among the timed answers that were judged.",
             ),
             Table.of(
@@ -147,8 +145,8 @@ def report(run: Run, race: RaceSettings) -> Report:
                 2,
                 filters=("lane", "timed", "unknowns"),
                 note="Median µs of update and solve to 1e-9 on the problems that both reach it on, by lane and number "
-                "of unknowns, the fastest of the others first; a ratio below 1 is in our favour. – stands where there "
-                f"is no such problem. {SIMD}",
+                "of unknowns, the fastest of the others first; a ratio below 1 is in our favour. –: there is "
+                f"no such problem. {SIMD}",
             ),
             *(
                 [Table.of("On the schedule of 8 kHz", at_8_khz, schedule.COLUMNS, 3, note=schedule.NOTE)]
@@ -189,11 +187,11 @@ def remarks(run: Run, measurements: Measurements, misses: Mapping[str, Miss]) ->
     Python that solve the program of the first miss again."""
     rows = measurements.lanes[~measurements.lanes.repeatable]
     if names := sorted({f"{marked(solver)} ({lane})" for solver, lane in zip(rows.solver, rows.lane, strict=True)}):
-        yield f"The same data do not give the same bits again with {joined(names)}."
+        yield f"The same data give other bits when they are solved again with {joined(names)}."
     if others := sorted(set(measurements.all_rows.host) - {measurements.host}):
         yield (
-            f"Times are those of {measurements.host}, where most was measured; accuracy is judged by what "
-            f"{', '.join(others)} measured, too."
+            f"Times are those of {measurements.host}, which measured most; accuracy includes the answers "
+            f"of {', '.join(others)}."
         )
     for note in run.settings.get("models", {}).values():
         if "error_percent" in note:

@@ -49,8 +49,8 @@ def problems_of(run: Run, settings: RaceSettings, progress: Progress) -> Iterato
                 yield run.problem(set_name, name)
         else:
             problem_set = make(set_name, settings.seed, settings.set_options)
-            problem_set.wanted = {*raced(settings, set_name, problem_set.names())}
-            if problem_set.wanted:
+            problem_set.selected = {*raced(settings, set_name, problem_set.names())}
+            if problem_set.selected:
                 yield from _generated(run, problem_set, progress)
 
 
@@ -82,11 +82,11 @@ def save_certificates(run: Run, problems: Iterable[RaceProblem]) -> None:
 
 def _generated(run: Run, problem_set: ProblemSet, progress: Progress) -> Sequence[RaceProblem]:
     """Generate the problems of a set and save them without certificates; those that were saved before are loaded."""
-    set_name, count, there_are = problem_set.name, len(problem_set.wanted), len(problem_set.names())
+    set_name, count, there_are = problem_set.name, len(problem_set.selected), len(problem_set.names())
     _save_model(run, problem_set, progress)
     problems: list[RaceProblem] = []
     for made in problem_set.problems():
-        if made.name in problem_set.wanted:
+        if made.name in problem_set.selected:
             progress(f"certified {set_name}/{made.name}", len(problems) + 1, count)
             path = run.problem_path(set_name, made.name)
             if path.is_file():

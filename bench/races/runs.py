@@ -6,7 +6,7 @@ from typing import Any
 
 from bench.messages.task import Progress
 from bench.processes.engine import Workers
-from bench.races.driver import drive
+from bench.races.driver import run_tasks
 from bench.races.lanes import checked
 from bench.races.race import PRELOAD, Race
 from bench.races.report import report
@@ -47,33 +47,33 @@ def carry_on(run: Run, progress: Progress, workers: Workers) -> None:
     """Do the tasks that are not done yet, and gather the tables."""
     workers.check()
     with run.exclusive():
-        drive(Race(run, settings_of(run), progress), workers)
+        run_tasks(Race(run, settings_of(run), progress), workers)
         progress("gathering the tables", 0, 1)
         run.finish()
 
 
 def write(run: Run) -> tuple[Report, Path]:
     """Write ``report.md``, ``report.html`` and their files; returns the report and the path of ``report.md``."""
-    found = report(run, settings_of(run))
+    result = report(run, settings_of(run))
     machines, conditions = [*run.machines.values()], run.settings.get("conditions", {})
     hosts = {part["host"] for part in conditions.get("parts", ())} or {*run.machine_names}
-    scope = [found.scope, joined(sorted({f"{each['processor']}, {each['core']}" for each in machines}))]
+    scope = [result.scope, joined(sorted({f"{host['processor']}, {host['core']}" for host in machines}))]
     if "sentinel_drift" in conditions:
         scope.append(f"the machine's speed drifted by {100.0 * conditions['sentinel_drift']:.0f} %")
     limits = [
         f"{'One machine' if len(hosts) == 1 else f'{len(hosts)} hosts'}, one run: compare ratios, not microseconds.",
-        *dict.fromkeys(warning for each in machines for warning in each["warnings"]),
+        *dict.fromkeys(warning for host in machines for warning in host["warnings"]),
         *conditions.get("warnings", []),
     ]
-    found = replace(
-        found,
+    result = replace(
+        result,
         title=f"Race {run.path.name}",
         scope="; ".join(filter(None, scope)) + ".",
-        notes=[*filter(None, [found.failed]), *found.notes],
+        notes=[*filter(None, [result.failed]), *result.notes],
         limits=limits,
         environment=environment(run),
     )
-    return found, write_report(found, run.path)
+    return result, write_report(result, run.path)
 
 
 def environment(run: Run) -> list[tuple[str, str]]:
@@ -84,20 +84,20 @@ def environment(run: Run) -> list[tuple[str, str]]:
     chosen = ", ".join(
         f"{name} {_text(value)}" for name, value in settings["settings"].items() if value not in ([], {}, None, "")
     )
-    told: list[tuple[str, str]] = []
-    for each in run.machines.values():
-        told += [
-            ("machine", f"{each['processor']}, {each['cores']} cores, {each['system']}"),
-            ("Python", f"{each['python']}; {', '.join(map(' '.join, each['versions'].items()))}"),
-            ("commit", each.get("environment", {}).get("commit", "")),
+    entries: list[tuple[str, str]] = []
+    for host in run.machines.values():
+        entries += [
+            ("machine", f"{host['processor']}, {host['cores']} cores, {host['system']}"),
+            ("Python", f"{host['python']}; {', '.join(map(' '.join, host['versions'].items()))}"),
+            ("commit", host.get("environment", {}).get("commit", "")),
         ]
-    told += [
+    entries += [
         ("settings", chosen),
         ("solvers", lanes),
         ("absent", absent),
         ("not raced", "; ".join(f"{name}: {reason}" for name, reason in left_out(run))),
     ]
-    return [(name, text) for name, text in told if text]
+    return [(name, text) for name, text in entries if text]
 
 
 def _text(value: Any) -> str:

@@ -52,11 +52,11 @@ class RaceSettings:
 
     def __post_init__(self) -> None:
         """ValueError if an option is outside its range."""
-        for each in fields(self):
-            if (limits := each.metadata) and not limits["least"] <= getattr(self, each.name) <= limits["most"]:
-                raise ValueError(
-                    f"{each.name} must be from {limits['least']} to {limits['most']}, not {getattr(self, each.name)}"
-                )
+        for option in fields(self):
+            if (limits := option.metadata) and not (
+                limits["least"] <= (value := getattr(self, option.name)) <= limits["most"]
+            ):
+                raise ValueError(f"{option.name} must be from {limits['least']} to {limits['most']}, not {value}")
 
     @property
     def longest_s(self) -> float:

@@ -82,9 +82,9 @@ class TimedSolver:
     """A solver that is set up on the problem of a request, with separate arrays for updates."""
 
     def __init__(self, cls: type[Solver], request: SetUp) -> None:
-        self._cls, self._request, given = cls, request, Problem(**request.fields)
+        self._cls, self._request, program = cls, request, Problem(**request.fields)
         # Two copies, since a solver that writes into one must spoil neither the other nor the request.
-        self._for_setup, self._for_update = copied(given), copied(given)
+        self._for_setup, self._for_update = copied(program), copied(program)
         self._start = None if request.warm_start is None else request.warm_start.copy()
         self._content = self._bytes()
         self._time = time_kernel if request.times_itself else time_block
@@ -114,10 +114,10 @@ class TimedSolver:
     def block(self, P: Matrix | None, q: Matrix, most_ns: float) -> Outcome:
         """Time update and solve for each P (n, d, d), None if it is fixed, and q (n, d), and check that the data are
         unchanged afterwards. No call begins after ``most_ns`` are spent."""
-        given, before = [q] if P is None else [P, q], preemptions()
-        sums = [array.sum() for array in given]
+        data, before = [q] if P is None else [P, q], preemptions()
+        sums = [array.sum() for array in data]
         updates, solves, answers = self._time(self.solver, P, q, self._start, most_ns)
-        self._block_was_changed |= [array.sum() for array in given] != sums
+        self._block_was_changed |= [array.sum() for array in data] != sums
         return Outcome(
             found=True,
             preemptions=preemptions() - before,
@@ -129,7 +129,7 @@ class TimedSolver:
         """Update and solve on the schedule, sample k with P[k] (n, d, d), None if it is fixed, and q[k] (n, d); the
         answer of each solve is copied within its time. ``sample`` says to which sample it is, and ``response`` when
         each sample was answered."""
-        answers, x, each = np.full(q.shape, np.nan), np.zeros(q.shape[1]), [None] * len(q) if P is None else P
+        answers, x, Ps = np.full(q.shape, np.nan), np.zeros(q.shape[1]), [None] * len(q) if P is None else P
 
         def solve() -> None:
             x[:] = self._solve()
@@ -139,7 +139,7 @@ class TimedSolver:
 
         before = preemptions()
         with no_garbage_collection():
-            t = follow(len(q), lambda k: self.solver.update(each[k], q[k]), solve, keep)
+            t = follow(len(q), lambda k: self.solver.update(Ps[k], q[k]), solve, keep)
         times = {"update": t.updated - t.began, "solve": t.ended - t.updated, "sample": t.solved}
         return Outcome(
             found=True,
@@ -172,10 +172,10 @@ class TimedSolver:
 
     def _bytes(self) -> list[bytes]:
         """Contents of every array that the solver gets outside blocks."""
-        given = [*arrays(self._for_setup), *arrays(self._for_update)]
+        contents = [*arrays(self._for_setup), *arrays(self._for_update)]
         if self._start is not None:
-            given.append(self._start)
-        return [array.tobytes() for array in given]
+            contents.append(self._start)
+        return [array.tobytes() for array in contents]
 
 
 def preemptions() -> int:
@@ -186,8 +186,8 @@ def preemptions() -> int:
 def arrays(problem: Problem) -> list[Any]:
     """Every array of a problem, those of sparse matrices too."""
     return [
-        part
+        array
         for value in fields_of(problem).values()
         if value is not None
-        for part in ([value] if isinstance(value, np.ndarray) else [value.data, value.indices, value.indptr])
+        for array in ([value] if isinstance(value, np.ndarray) else [value.data, value.indices, value.indptr])
     ]

@@ -64,11 +64,15 @@ def lines_of(texts: Iterable[str]) -> list[str]:
     ]
 
 
-def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1, width: int = 240) -> None:
-    """Print a table, the first ``left`` columns aligned to the left; outside a terminal, at most ``width`` wide."""
+def print_table(
+    headings: Sequence[str], rows: Sequence[Sequence[str]], left_aligned: int = 1, width: int = 240
+) -> None:
+    """Print a table, its first columns aligned to the left; outside a terminal, at most ``width`` wide."""
     table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 1, 0, 0) if width == COLUMNS else (0, 1))
     for i, heading in enumerate(headings):
-        table.add_column(heading, justify="left" if i < left else "right", no_wrap=i < left, overflow="fold")
+        table.add_column(
+            heading, justify="left" if i < left_aligned else "right", no_wrap=i < left_aligned, overflow="fold"
+        )
     for row in rows:
         table.add_row(*row)
     (console if console.is_terminal else PlainConsole(width=width)).print(table)
@@ -106,7 +110,7 @@ def print_report(
         console.print(line)
     if shown is not None and shown.rows:
         rows = shown.rows[: max(LINES - len(lines) - len(below) - AROUND, FEWEST_ROWS)]
-        print_table(shown.headings, rows, left=shown.left, width=COLUMNS)
+        print_table(shown.headings, rows, left_aligned=shown.left_aligned, width=COLUMNS)
         if (more := len((report.table or shown).rows) - len(rows)) > 0:
             console.print(f"{more} more rows are on the page.")
     for line in [*below, *files]:

@@ -238,5 +238,5 @@ def write_drive(path: Path, times: Vector, drive: Vector, unit: str, sentences: 
 
 def _extremes(values: Vector, points: int) -> Index:
     """Positions of the lowest and the highest of each of ``points`` / 2 stretches."""
-    parts = np.array_split(np.arange(values.size), min(values.size, points // 2))
-    return np.unique([part[extreme(values[part])] for part in parts for extreme in (np.argmin, np.argmax)])
+    chunks = np.array_split(np.arange(values.size), min(values.size, points // 2))
+    return np.unique([chunk[extreme(values[chunk])] for chunk in chunks for extreme in (np.argmin, np.argmax)])

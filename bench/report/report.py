@@ -132,7 +132,7 @@ class Table:
     title: str
     headings: Sequence[str]
     rows: Sequence[Sequence[str]]
-    left: int = 1
+    left_aligned: int = 1
     """Number of columns aligned to the left."""
     filters: Sequence[str] = ("lane", "tier", "status")
     """Headings of the columns that can be filtered on the page."""
@@ -144,21 +144,21 @@ class Table:
     """Text under the pointer, by row and column."""
 
     @classmethod
-    def of(cls, title: str, lines: pd.DataFrame, columns: Iterable[Column], left: int = 1, **more: Any) -> Self:
+    def of(cls, title: str, lines: pd.DataFrame, columns: Iterable[Column], left_aligned: int = 1, **more: Any) -> Self:
         """The columns that have a heading, in their format; ``more`` are other fields."""
         shown = [column for column in columns if column.heading]
         cells = [[column.format(line[column.name]) for column in shown] for line in lines.to_dict("records")]
-        return cls(title, [column.heading for column in shown], cells, left, **more)
+        return cls(title, [column.heading for column in shown], cells, left_aligned, **more)
 
     @property
     def choices(self) -> dict[str, list[str]]:
         """The values of each filtered column that has several."""
-        found = {
+        values = {
             name: sorted({row[list(self.headings).index(name)] for row in self.rows})
             for name in self.filters
             if name in self.headings
         }
-        return {name: texts for name, texts in found.items() if len(texts) > 1}
+        return {name: texts for name, texts in values.items() if len(texts) > 1}
 
 
 @dataclass(frozen=True)

@@ -199,16 +199,18 @@ def _position(table: pd.DataFrame, axis: Axis, column: str = "", share: bool = F
 
 def svg(table: pd.DataFrame, plots: Sequence[Plot]) -> str:
     """The plots one below the other in dark ink on white, in the default view."""
-    parts = [specification(table, plot) for plot in plots]
+    drawings = [specification(table, plot) for plot in plots]
     # parameters and configuration belong to the complete drawing, and no parameter is bound to a control
     params = {
-        param["name"]: {"name": param["name"], "value": param["value"]} for part in parts for param in part["params"]
+        param["name"]: {"name": param["name"], "value": param["value"]}
+        for drawing in drawings
+        for param in drawing["params"]
     }
     config = {**CONFIG, "background": "white", "aria": False, "font": "sans-serif"}
     whole = {
         "vconcat": [
-            {**{key: value for key, value in part.items() if key not in ("params", "config")}, "width": WIDTH}
-            for part in parts
+            {**{key: value for key, value in drawing.items() if key not in ("params", "config")}, "width": WIDTH}
+            for drawing in drawings
         ],
         "title": first_view(table),
         "params": [*params.values()],
@@ -221,5 +223,5 @@ def svg(table: pd.DataFrame, plots: Sequence[Plot]) -> str:
     # Vega numbers its clip paths across all plots of a process; renumbering makes equal plots equal files
     numbers: dict[str, int] = {}
     return re.sub(
-        r'(id="|url\(#)clip(\d+)', lambda found: f"{found[1]}clip{numbers.setdefault(found[2], len(numbers))}", drawn
+        r'(id="|url\(#)clip(\d+)', lambda match: f"{match[1]}clip{numbers.setdefault(match[2], len(numbers))}", drawn
     )

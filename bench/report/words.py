@@ -109,9 +109,11 @@ def solver_lanes(count: int, of: int | None = None, verb: str = "") -> str:
     >>> solver_lanes(3), solver_lanes(1, verb="differ"), solver_lanes(1, 4, "reach"), solver_lanes(1, 1, "reach")
     ('3 solver lanes', '1 solver lane differs', '1 of 4 solver lanes reach', '1 of 1 solver lane reaches')
     """
-    one = (count if of is None else of) == 1
-    ending = "" if not one or not verb else "es" if verb.endswith("ch") else "s"
-    return f"{count}{'' if of is None else f' of {of}'} solver lane{'' if one else 's'}{verb and f' {verb}{ending}'}"
+    singular = (count if of is None else of) == 1
+    ending = "" if not singular or not verb else "es" if verb.endswith("ch") else "s"
+    return (
+        f"{count}{'' if of is None else f' of {of}'} solver lane{'' if singular else 's'}{verb and f' {verb}{ending}'}"
+    )
 
 
 def joined(texts: Iterable[str]) -> str:

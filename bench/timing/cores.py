@@ -41,7 +41,7 @@ class Core(socket.socket):
             os.sched_setaffinity(0, before)
 
 
-def claim(wanted: int | None = None) -> Core:
+def claim(only: int | None = None) -> Core:
     """Lock a core, by default any free one, the last one first; while none is free, wait, and print which process
     holds it.
 
@@ -51,9 +51,9 @@ def claim(wanted: int | None = None) -> Core:
     ...     core.number in usable()
     True
     """
-    told = False
+    announced = False
     while True:
-        numbers = usable() if wanted is None else [wanted]
+        numbers = usable() if only is None else [only]
         for number in numbers:
             core = Core(socket.AF_UNIX)
             try:
@@ -66,14 +66,14 @@ def claim(wanted: int | None = None) -> Core:
                 core.listen()  # lets others ask whose it is
                 core.number = number
                 return core
-        if not told:
+        if not announced:
             print(
                 "waiting for a free core:",
                 ", ".join(f"core {number} is held by {_holder(number)}" for number in numbers),
                 file=sys.stderr,
                 flush=True,
             )
-            told = True
+            announced = True
         time.sleep(POLL_S)
 
 

@@ -61,13 +61,13 @@ def environment() -> dict[str, str]:
         "turbo": CPU / "intel_pstate/no_turbo",
         "boost": CPU / "cpufreq/boost",
     }
-    installed = {str(each.metadata["Name"]): each.version for each in importlib.metadata.distributions()}
+    installed = {str(package.metadata["Name"]): package.version for package in importlib.metadata.distributions()}
     return {
         "commit": commit(),
         "packages": ", ".join(f"{name}=={version}" for name, version in sorted(installed.items())),
         "blas": ", ".join(
-            f"{each['internal_api']} {each['version']} {each.get('architecture', '')}".strip()
-            for each in threadpool_info()
+            f"{package['internal_api']} {package['version']} {package.get('architecture', '')}".strip()
+            for package in threadpool_info()
         ),
         **{name: text_of(path) for name, path in settings.items()},
     }
@@ -105,8 +105,8 @@ def here() -> str:
 def elsewhere(what: str, there: Collection[str]) -> list[str]:
     """A sentence if ``what`` was measured on other machines than this one, which are named."""
     sentence = (
-        f"{what} was measured on another machine, {' and '.join(there)}. This one, {here()}, has other times: race on "
-        "it, too."
+        f"{what} was measured on another machine, {' and '.join(there)}. Times on this one, {here()}, differ: race "
+        "here, too."
     )
     return [] if here() in there else [sentence]
 

@@ -60,7 +60,7 @@ def needed(q: float) -> int:
     [6, 299, 2995, 29956]
     """
     if not 0.0 < q < 1.0:
-        raise ValueError(f"a percentile lies between 0 and 1 as a share, not at {q}")
+        raise ValueError(f"a percentile must be between 0 and 1, not {q}")
     return next(count for count in itertools.count(1) if q**count + (1.0 - q) ** count <= 1.0 - CONFIDENCE)
 
 
@@ -73,7 +73,7 @@ def ranks(samples: int, q: float) -> tuple[int, int]:
     elif (1.0 - q) ** samples > below:
         below = (1.0 - q) ** samples
         above = 1.0 - CONFIDENCE - below
-    low = int(binom.ppf(below, samples, q))  # the smallest k with F(k) ≥ below, and F(l − 1) ≤ below is wanted
+    low = int(binom.ppf(below, samples, q))  # the smallest k with F(k) ≥ below; needed is F(l − 1) ≤ below
     low += int(binom.cdf(low, samples, q) <= below)
     high = int(binom.isf(above, samples, q)) + 1  # the smallest k with 1 − F(k) ≤ above is u − 1
     return max(low, 1), min(high, samples)

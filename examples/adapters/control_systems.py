@@ -37,7 +37,7 @@ def initial_states(structure: ModelStructure, state: OperatorState | None = None
     (6,)
     """
     state = OperatorState.before_drive(structure) if state is None else state
-    state.require(structure)
+    state.check_fits(structure)
     thresholds, rates = structure.n + 1, len(structure.creep_rates)
     return np.concatenate(
         [state.play[:thresholds], state.creep.reshape(rates, structure.lanes)[:, :thresholds].ravel()]

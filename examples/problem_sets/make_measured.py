@@ -16,7 +16,7 @@ import numpy as np
 
 from bench.problems.measured import FOLDER
 from bench.problems.protocol import Validation
-from bench.problems.recorded import KEPT_BACK, part, preprocessed, sensor_noise
+from bench.problems.recorded import HELD_OUT_SHARE, excerpt, preprocessed, sensor_noise
 from piezo_model import DataBasis, IdentificationProblem, Recording
 from piezo_model.identification.creep import candidate_rates
 
@@ -31,8 +31,8 @@ UNSEEN = 1000
 def make(name: str, source: str | Path, folder: Path = FOLDER) -> None:
     """Write the file of one recording."""
     whole = in_micrometres(Recording.open(source))
-    fitted = round((1.0 - KEPT_BACK) * whole.length)
-    recording, unseen = part(whole, slice(fitted)), part(whole, slice(fitted, fitted + UNSEEN))
+    fitted = round((1.0 - HELD_OUT_SHARE) * whole.length)
+    recording, unseen = excerpt(whole, slice(fitted)), excerpt(whole, slice(fitted, fitted + UNSEEN))
     found = preprocessed(recording, *ORDERS, candidate_rates(recording.sample_time, recording.duration_s))
     x, y = recording.x, recording.counted_y
     ends = {found.skip + round(share * (x.size - found.skip)) for share in WINDOWS}

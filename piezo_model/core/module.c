@@ -7,7 +7,7 @@ void measure_state(Arguments *a, const void *state)
 {
     const ShapedHead *const head = state;
     const Shape s = head->shape;
-    if (a->taken > 1 && memcmp(&s, &((const ShapedHead *)a->values[0].memory)->shape, sizeof s) != 0) {
+    if (a->parsed > 1 && memcmp(&s, &((const ShapedHead *)a->values[0].memory)->shape, sizeof s) != 0) {
         refuse(a, "learner and compensator are of two shapes");
     }
     SIZE_OF(a, d) = unknowns(s);

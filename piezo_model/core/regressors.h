@@ -72,9 +72,9 @@ CORE_INLINE void write_row(const Regressors *p, Shape s, num counts, num x, num 
 
 /* Size of the block of gram that stays in registers. */
 #ifdef CORE_TILE
-enum { GRAM_ROWS = PARTS == 1 ? 4 : 2, GRAM_VECTORS = GRAM_ROWS };
+enum { GRAM_ROWS = REGISTERS == 1 ? 4 : 2, GRAM_VECTORS = GRAM_ROWS };
 #else
-enum { GRAM_ROWS = PARTS == 1 ? 8 : 4, GRAM_VECTORS = 1 };
+enum { GRAM_ROWS = REGISTERS == 1 ? 8 : 4, GRAM_VECTORS = 1 };
 #endif
 
 /* gram <- fade gram + sum of row_k row_k' over rows of `width` entries, `stride` nums apart. */

@@ -225,7 +225,7 @@ def separate(
     """
     if isinstance(choice, Dynamics):
         with checks.refusing(IdentificationError, f"{recording.name}: "):
-            choice.require(recording.sample_time)
+            choice.check_sample_time(recording.sample_time)
         inverse = _through_inverse(recording, choice)
         prepared = prepare(inverse)
         trials = DynamicsTrials.of(recording, inverse, prepared, solving)

@@ -47,7 +47,7 @@ class Flexure(Plant):
             lambda g: g.amplifier_lag_s == 0.0, "Dynamics without the lag of an amplifier", dynamics=self.dynamics
         )
         self.x_range, self.y_range, self.sample_time = self.plant.x_range, self.plant.y_range, self.plant.sample_time
-        self.dynamics.require(self.sample_time)
+        self.dynamics.check_sample_time(self.sample_time)
         self._begin()
 
     @classmethod

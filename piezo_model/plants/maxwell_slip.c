@@ -3,7 +3,7 @@
 
 #include <math.h>
 
-#define NO_ROOM 1e-15 /* what rounding leaves of the way to the next slider, and of the path */
+#define NO_ROOM 1e-15 /* rounding errors of the distance to the next slip, and of the path */
 
 typedef struct {
     double spring;       /* the one that does not slide */
@@ -12,37 +12,37 @@ typedef struct {
     int sliders;
 } Chain;
 
-/* How far the charge goes before the next slider begins to slide, at most `left` in voltage, and the stiffness on that
- * way. */
-static double straight_way(const Chain *p, double direction, double left, double *stiffness)
+/* How far the charge goes before the next slider begins to slide, at most `remaining` in voltage, and the stiffness
+ * until then. */
+static double distance_to_slip(const Chain *p, double direction, double remaining, double *stiffness)
 {
-    double way = INFINITY;
+    double distance = INFINITY;
     *stiffness = p->spring;
     for (int j = 0; j < p->sliders; ++j) {
         const double room = (p->f[j] - direction * p->force[j]) / p->k[j];
         if (room > NO_ROOM) {
             *stiffness += p->k[j];
-            way = room < way ? room : way;
+            distance = room < distance ? room : distance;
         }
     }
-    return left / *stiffness < way ? left / *stiffness : way;
+    return remaining / *stiffness < distance ? remaining / *stiffness : distance;
 }
 
 /* The charge after the voltage has moved. */
 static double moved(const Chain *p, double q, double move)
 {
     const double direction = move > 0 ? 1 : -1;
-    double left = fabs(move);
-    while (left > 0) {
+    double remaining = fabs(move);
+    while (remaining > 0) {
         double stiffness;
-        const double way = straight_way(p, direction, left, &stiffness);
+        const double distance = distance_to_slip(p, direction, remaining, &stiffness);
         for (int j = 0; j < p->sliders; ++j) {
-            const double force = p->force[j] + direction * p->k[j] * way;
+            const double force = p->force[j] + direction * p->k[j] * distance;
             p->force[j] = force > p->f[j] ? p->f[j] : force < -p->f[j] ? -p->f[j] : force;
         }
-        q += direction * way;
-        left -= stiffness * way;
-        left = left < NO_ROOM ? 0 : left;
+        q += direction * distance;
+        remaining -= stiffness * distance;
+        remaining = remaining < NO_ROOM ? 0 : remaining;
     }
     return q;
 }

@@ -39,7 +39,7 @@ class Arrays(NamedTuple):
     """Whether the names are paths."""
 
 
-def table_of(path: Path | str, found: Arrays) -> Table:
+def table_of(path: Path | str, contents: Arrays) -> Table:
     """A table of what a reader has found.
 
     A matrix becomes columns ``name/1``, ``name/2``, …; matrices of one shape, with a time for each of their rows or
@@ -51,14 +51,14 @@ def table_of(path: Path | str, found: Arrays) -> Table:
         check_size(path, sum(a.size * a.dtype.itemsize for a in chosen.values() if not isinstance(a, np.ndarray)))
         return {name: array[()] for name, array in chosen.items()}
 
-    arrays, form = found.arrays, found.form
+    arrays, form = contents.arrays, contents.form
     if batch := _batch_of(arrays, read):
         shape, in_rows = batch
         arrays = {name: _joined(np.squeeze(array), shape, in_rows) for name, array in read(arrays).items()}
         form = f"{form}, a batch of {shape[not in_rows]} recordings of {shape[in_rows]} samples"
     columns, places = [], []
     for name, array in arrays.items():
-        period = found.periods.get(name) if isinstance(found.periods, Mapping) else found.periods
+        period = contents.periods.get(name) if isinstance(contents.periods, Mapping) else contents.periods
         if period is not None:
             check_sample_time(f"{path}: ", period)
         if not isinstance(array, np.ndarray):  # only shape and type are known
@@ -67,8 +67,8 @@ def table_of(path: Path | str, found: Arrays) -> Table:
             columns.append(
                 Column.named(
                     label,
-                    found.units.get(name, ""),
-                    nested=found.nested,
+                    contents.units.get(name, ""),
+                    nested=contents.nested,
                     kind=KINDS[values.dtype.kind],
                     rows=len(values),
                     sample_time=period,
@@ -76,7 +76,7 @@ def table_of(path: Path | str, found: Arrays) -> Table:
             )
             places.append((name, label))
             if len(columns) > MOST_COLUMNS:
-                raise RecordingError(f"{path}: has more than {MOST_COLUMNS} columns, and no recording has")
+                raise RecordingError(f"{path}: has more than {MOST_COLUMNS} columns, the limit for a recording")
     unread = [
         f"{printable(name or 'array')!r} ({' x '.join(map(str, array.shape)) or 'one value'}, {array.dtype.name})"
         for name, array in arrays.items()
@@ -85,7 +85,7 @@ def table_of(path: Path | str, found: Arrays) -> Table:
     if not columns:
         raise RecordingError(
             f"{path}: is {form} without a column of numbers"
-            + f"; it holds {', '.join(unread)}, save real arrays of one axis, or of rows and columns" * bool(unread)
+            + f"; it holds {', '.join(unread)}; save real arrays of one or two dimensions" * bool(unread)
         )
     form += f", without {', '.join(unread)}" * bool(unread)
 
@@ -129,8 +129,8 @@ def _columns(name: str, array: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
     """Names and columns of the numbers in an array; none if it holds no numbers."""
     flat = np.squeeze(array) if array.ndim > 1 and array.size > 1 else array
     if array.dtype.names:
-        for part in array.dtype.names:
-            yield from _columns(f"{name}/{part}" if name else part, array[part])
+        for field in array.dtype.names:
+            yield from _columns(f"{name}/{field}" if name else field, array[field])
     elif array.dtype.kind in KINDS and flat.ndim == 1 and array.size > 1:
         yield name or "column 1", flat
     elif array.dtype.kind in KINDS and flat.ndim == 2:

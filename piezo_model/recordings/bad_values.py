@@ -26,7 +26,7 @@ FILLED = 0.01
 """Largest share of rows whose drive is interpolated."""
 MOST_BAD = 2
 """Most bad samples of a signal: more of them are a property of it."""
-LEAST_PART = 16
+FEWEST = 16
 """Fewest rows between two that are cut out."""
 UNLIKE = 10.0
 """Smallest ratio of the steps to and from a bad sample to all others."""
@@ -81,7 +81,7 @@ def last_known(rows: Rows, label: str, values: Vector, most_missing: float, arra
     too_many = bool(np.count_nonzero(bad[:end]) > most_missing * end)
     if too_many and most_missing == MOST_MISSING:  # unless it is a sensor that is slower than the drive
         spans = np.diff(np.flatnonzero(~bad))
-        too_many = bool(spans.size < LEAST_PART or spans.max() > 2.0 * np.median(spans))
+        too_many = bool(spans.size < FEWEST or spans.max() > 2.0 * np.median(spans))
     if bad.any() and (end < 2 or too_many or (arrays and not np.isnan(values[bad]).all())):
         raise _bad_value(rows, label, values)
     return end
@@ -94,7 +94,7 @@ def _kind(value: float) -> str:
 def _bad_value(rows: Rows, label: str, values: Vector) -> RecordingError:
     bad = np.flatnonzero(unknown(values))
     absurd = ", which is too large for a measured value" if math.isfinite(values[bad[0]]) else ""
-    in_all = f"; in all {bad.size} of {values.size} values are missing, infinite or absurd" if bad.size > 1 else ""
+    in_all = f"; in all {bad.size} of {values.size} values are missing, infinite or implausible" if bad.size > 1 else ""
     return RecordingError(
         f"{rows.path}: {label} is {_kind(values[bad[0]])} in {rows.where(int(bad[0]))}{absurd}{in_all}"
     )
@@ -115,18 +115,18 @@ def fill(rows: Rows) -> None:
         if k == 0:
             long = ndimage.binary_opening(bad, np.ones(LONGEST_FILL + 1))
             long[: np.argmin(bad)] = True  # where no line can begin
-            kept = np.flatnonzero(np.diff(long, prepend=True, append=True)).reshape(-1, 2)
-            too_short = long.any() and (np.diff(kept).min() < LEAST_PART or len(rows.signals) == 1)
+            segments = np.flatnonzero(np.diff(long, prepend=True, append=True)).reshape(-1, 2)
+            too_short = long.any() and (np.diff(segments).min() < FEWEST or len(rows.signals) == 1)
             if too_short or np.count_nonzero(bad & ~long) > max(FILLED * rows.length, MOST_BAD):
                 raise _bad_value(rows, label, values)
-        for unlike, what in ((bad & ~long, "move the operators and are not counted"), (long, "are cut out")):
+        for unlike, what in ((bad & ~long, "are interpolated and not counted in the fit"), (long, "are cut out")):
             if (at := np.flatnonzero(unlike)).size:
                 rows.repairs.append(
                     f"{label} is {_kind(values[at[0]])} in {rows.named(at)}: {at.size} of {rows.length} samples {what}"
                 )
         rows.replace(k, bad)
         if long.any():
-            rows.starts = sorted({*rows.starts, *kept[1:, 0].tolist()})
+            rows.starts = sorted({*rows.starts, *segments[1:, 0].tolist()})
             rows.take(np.flatnonzero(~long))
 
 
@@ -136,13 +136,17 @@ def count_fresh(rows: Rows) -> None:
         return
     drive, output = (np.diff(signal[:SHOWN]) for signal in rows.signals)
     steps = output[fresh := np.flatnonzero(output)]
-    held = np.diff(fresh)
-    even = held.size > LEAST_PART and held.min() > 1 and np.mean(np.abs(held - np.median(held)) <= 1.0) > EVEN
-    if even and np.unique(np.abs(steps)).size > LEAST_PART and np.count_nonzero(drive) > UNEQUAL * fresh.size:
+    run_lengths = np.diff(fresh)
+    even = (
+        run_lengths.size > FEWEST
+        and run_lengths.min() > 1
+        and np.mean(np.abs(run_lengths - np.median(run_lengths)) <= 1.0) > EVEN
+    )
+    if even and np.unique(np.abs(steps)).size > FEWEST and np.count_nonzero(drive) > UNEQUAL * fresh.size:
         stale = np.diff(rows.signals[1], prepend=np.nan) == 0.0
         rows.repairs.append(
-            f"{rows.labels[1]} is held for {np.median(held):g} rows, a sensor that is slower than the drive: "
-            f"{np.count_nonzero(stale)} of {rows.length} samples move the operators and are not counted"
+            f"{rows.labels[1]} is held for {np.median(run_lengths):g} rows, since the sensor is slower than the drive: "
+            f"{np.count_nonzero(stale)} of {rows.length} samples are interpolated and not counted in the fit"
         )
         rows.replace(1, stale)
 
@@ -154,8 +158,8 @@ def replace_bad_samples(rows: Rows) -> None:
     for k, (label, values) in enumerate(zip(rows.labels, rows.signals, strict=True)):
         if k and (dropped := _dropped_out(values, rows.signals[0])).any():
             rows.repairs.append(
-                f"{label} is {values[dropped][0]:.6g} in {rows.named(np.flatnonzero(dropped))}, beyond all others: a "
-                "sensor that drops out, not counted"
+                f"{label} is {values[dropped][0]:.6g} in {rows.named(np.flatnonzero(dropped))}, beyond all others: "
+                "a sensor dropout, not counted in the fit"
             )
             rows.replace(k, dropped)
             values = rows.signals[k]
@@ -167,7 +171,7 @@ def replace_bad_samples(rows: Rows) -> None:
             beside = " and ".join(f"{values[j]:.6g}" for j in (row - 1, row + 1) if 0 <= j < rows.length)
             rows.repairs.append(
                 f"{label} is {values[row]:.6g} in {rows.where(row)} beside {beside}, an isolated bad sample, "
-                "which is not counted"
+                "not counted in the fit"
             )
         if bad.any():
             rows.replace(k, bad)
@@ -197,18 +201,18 @@ def _isolated(values: Vector, steps: Vector) -> Index:
     inside = pairs[np.abs(values[pairs + 2] - values[pairs]) < RETURN * steps[pairs]] + 1
     ends = [row for row, step in ((0, 0), (values.size - 1, steps.size - 1)) if step in large and row not in inside]
     ends = [row for row in ends if not {row - 1, row + 1} & {*inside.tolist()}]
-    found = np.unique([*inside.tolist(), *ends]).astype(int)
-    return found if found.size <= MOST_BAD else found[:0]
+    isolated = np.unique([*inside.tolist(), *ends]).astype(int)
+    return isolated if isolated.size <= MOST_BAD else isolated[:0]
 
 
 def _dropped_out(values: Vector, drive: Vector) -> Mask:
     """Which outputs are one value far beyond all others, though the drive mostly is within its range elsewhere."""
     for value in (np.fmin.reduce(values), np.fmax.reduce(values)):
         equal = values == value
-        kept, x = values[~equal], drive[~equal]
+        others, x = values[~equal], drive[~equal]
         if (
             LEAST_DROPPED <= np.count_nonzero(equal) <= MOST_DROPPED * values.size
-            and abs(value - np.clip(value, low := np.fmin.reduce(kept), high := np.fmax.reduce(kept)))
+            and abs(value - np.clip(value, low := np.fmin.reduce(others), high := np.fmax.reduce(others)))
             > BEYOND * (high - low)
             and x.min() <= np.median(drive[equal]) <= x.max()
         ):

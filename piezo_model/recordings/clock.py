@@ -23,7 +23,7 @@ from piezo_model.recordings.rows import Rows
 from piezo_model.recordings.table import RecordingError, check_sample_time
 from solvers.arrays import Vector
 
-PART = 65536
+WINDOW = 65536
 """Times at the start, and at the end, that tell how they are printed."""
 SAME_RATE, MOST_CHANGE = 16, 1.05
 """Intervals that tell the sampling rates of a start and an end, and the largest ratio of equal ones."""
@@ -86,8 +86,8 @@ class Clock:
         for at in np.flatnonzero(times[1:] < times[:-1])[:1] + 1:
             before, after = map(self._seconds, times[at - 1 : at + 1])
             raise self._refusal(f"runs backwards in {self.rows.where(int(at))}: {after} follows {before}")
-        mean, (digit, exact) = float(times[-1] - times[0]) / (n - 1), printed_digit(times[:PART])
-        head = times[:PART]
+        mean, (digit, exact) = float(times[-1] - times[0]) / (n - 1), printed_digit(times[:WINDOW])
+        head = times[:WINDOW]
         period = float(head[-1] - head[0]) / (head.size - 1)
         if period == 0.0:
             raise self._refusal(f"stands still from {self.rows.where(0)} on, at {self._seconds(times[0])}")
@@ -99,9 +99,9 @@ class Clock:
         if reach * period >= 2 * resolution:
             error = resolution / reach
             period = float(np.median(head[reach:] - head[:-reach])) / reach or period  # 0 if most are equal
-        strides = [1, min(PART, 2 * math.ceil(resolution / period))] if resolution > period / 2 else [1]
-        if n > PART:
-            later, exact = printed_digit(times[-PART:])  # significant digits are fewer at larger times
+        strides = [1, min(WINDOW, 2 * math.ceil(resolution / period))] if resolution > period / 2 else [1]
+        if n > WINDOW:
+            later, exact = printed_digit(times[-WINDOW:])  # significant digits are fewer at larger times
             resolution = max(resolution, later if shows or later > digit else exact)
         for stride in strides if even else ():
             self._refuse_uneven(times, stride, period, resolution + stride * (self.tolerance * period + error))
@@ -122,7 +122,7 @@ class Clock:
             return
         at = int(np.argmax(np.abs(excess) > allowed))
         step, place = times[at + stride] - times[at], self.rows.where(at + stride)
-        rates = [float(np.median(np.diff(part))) for part in (times[: SAME_RATE + 1], times[-SAME_RATE - 1 :])]
+        rates = [float(np.median(np.diff(window))) for window in (times[: SAME_RATE + 1], times[-SAME_RATE - 1 :])]
         if min(rates) > 0.0 and max(rates) > MOST_CHANGE * min(rates):
             sentence = (
                 f"has two sampling rates: one sample every {self._seconds(rates[0])} at its start and one every "

@@ -27,7 +27,7 @@ CLOCK = re.compile(
 )
 DOTTED_CLOCK = re.compile(r"^\s*(\d{1,2})\.([0-5]\d)\.([0-5]\d(?:\.\d+)?)\s*$")
 ORDERS = ("%Y-%m-%d", "%d-%m-%Y", "%m-%d-%Y")
-PARTS = ("first", "second", "third", "fraction", "half", "date", "zone")
+FIELDS = ("first", "second", "third", "fraction", "half", "date", "zone")
 HALVES = (0, 0, 12)
 """Hours to add for none, AM and PM."""
 SECOND, DAY = 10**9, 86400 * 10**9
@@ -51,13 +51,13 @@ def times(chunks: Sequence[pa.StringArray], label: str, where: RowName) -> NDArr
     """
     dates, zones = {"": 0}, {"": 0}
     read = [_of_day(chunk, dates, zones) for chunk in chunks]
-    of_day, short, date, zone, known = (np.concatenate(each) for each in zip(*read, strict=True))
+    of_day, short, date, zone, known = (np.concatenate(arrays) for arrays in zip(*read, strict=True))
     if short.any() and (of_day[short] % SECOND > 0).any():  # of two numbers, a fraction tells seconds from minutes
         below_minute = of_day[short] % (60 * SECOND)
         of_day[short] = (of_day[short] - below_minute) // 60 + below_minute
     first = int(np.argmax(known))
     days = _days(list(dates), int(date[first]))[date]
-    offsets = np.array([_offset(each) if bool(each) == bool(zone[first]) else math.nan for each in zones])[zone]
+    offsets = np.array([_offset(text) if bool(text) == bool(zone[first]) else math.nan for text in zones])[zone]
     wrong = np.flatnonzero(known & np.isnan(days + offsets + np.where(of_day < 0, np.nan, 0.0)))
     if wrong.size:
         cells, row = pa.chunked_array(chunks), int(wrong[0])
@@ -72,14 +72,14 @@ def times(chunks: Sequence[pa.StringArray], label: str, where: RowName) -> NDArr
 def _of_day(chunk: pa.StringArray, dates: dict[str, int], zones: dict[str, int]) -> tuple[NDArray[Any], ...]:
     """Nanoseconds since midnight, -1 for a cell that is not a clock; whether it has two numbers only; codes of its date
     and its offset from UTC, which are added to the dictionaries; and whether there is a cell."""
-    parts = pc.extract_regex(pc.replace_substring_regex(chunk, DOTTED_CLOCK.pattern, r"\1:\2:\3"), CLOCK.pattern)
-    text = {name: pc.fill_null(pc.struct_field(parts, name), "") for name in PARTS}
-    first, second, third = (_integers(text[name]) for name in PARTS[:3])
+    fields = pc.extract_regex(pc.replace_substring_regex(chunk, DOTTED_CLOCK.pattern, r"\1:\2:\3"), CLOCK.pattern)
+    text = {name: pc.fill_null(pc.struct_field(fields, name), "") for name in FIELDS}
+    first, second, third = (_integers(text[name]) for name in FIELDS[:3])
     half = _coded(pc.ascii_upper(text["half"]), {"": 0, "AM": 1, "PM": 2})
     minutes = np.where(half > 0, first % 12 + np.array(HALVES)[half], first) * 60 + second
     fraction = _integers(pc.utf8_slice_codeunits(pc.utf8_rpad(text["fraction"], 9, "0"), 0, 9))
     nanoseconds = (60 * minutes + np.maximum(third, 0)) * SECOND + fraction
-    valid = np.asarray(pc.is_valid(parts))
+    valid = np.asarray(pc.is_valid(fields))
     return (
         np.where(valid, nanoseconds, -1),
         valid & (third < 0),
@@ -94,12 +94,12 @@ def _days(dates: list[str], first: int) -> NDArray[np.float64]:
     if not dates[first]:
         return np.array([math.nan if date else 0.0 for date in dates])
 
-    def way(days: NDArray[np.float64]) -> tuple[int, bool, float]:
+    def disorder(days: NDArray[np.float64]) -> tuple[int, bool, float]:
         known = days[~np.isnan(days)]
         steps = np.diff(known)
         return -known.size, bool((steps < 0.0).any()), float(np.abs(steps).sum())
 
-    days = min((np.array([_ordinal(date, order) for date in dates]) for order in ORDERS), key=way)
+    days = min((np.array([_ordinal(date, order) for date in dates]) for order in ORDERS), key=disorder)
     return np.asarray(days - days[first])
 
 
@@ -119,8 +119,8 @@ def _offset(zone: str) -> float:
 def _coded(texts: pa.StringArray, codes: dict[str, int]) -> NDArray[np.int32]:
     """The code of every text; new texts get the next one."""
     coded = texts.dictionary_encode()
-    found = [codes.setdefault(text, len(codes)) for text in coded.dictionary.to_pylist()]
-    return np.array(found, dtype=np.int32)[np.asarray(coded.indices)]
+    numbers = [codes.setdefault(text, len(codes)) for text in coded.dictionary.to_pylist()]
+    return np.array(numbers, dtype=np.int32)[np.asarray(coded.indices)]
 
 
 def _integers(texts: pa.StringArray) -> NDArray[np.int64]:

@@ -148,35 +148,35 @@ class Region:
 
 def regions_of(blocks: Iterable[str], dialect: Dialect, size: Callable[[str], int] = len) -> list[Region]:
     """The tables among lines, given in blocks of whole ones whose size in the file is to be counted."""
-    found, above, line, begin, end = [Region()], list[tuple[int, str]](), 0, 0, (0, 0)
+    regions, above, line, begin, end = [Region()], list[tuple[int, str]](), 0, 0, (0, 0)
     for block in blocks:
-        plain = bool(found[-1].rows and not above and PLAIN.fullmatch(block))
+        plain = bool(regions[-1].rows and not above and PLAIN.fullmatch(block))
         for text in [block] if plain else LINE.findall(block):
             cells = [] if plain or dialect.is_comment(text) else dialect.split(text)
             kinds = [dialect.kind(cell) for cell in cells]
-            names = _header_above(dialect, above, kinds, found[-1])
+            names = _header_above(dialect, above, kinds, regions[-1])
             has_numbers = "number" in kinds or "clock" in kinds
-            is_row = names is not None or "text" not in kinds or len(cells) == found[-1].width
+            is_row = names is not None or "text" not in kinds or len(cells) == regions[-1].width
             if plain or (has_numbers and is_row):
                 key = {_key(dialect, row) for at, row in above if at == names or not dialect.is_comment(row)}
-                if names is not None and not key <= found[-1].key:
+                if names is not None and not key <= regions[-1].key:
                     titles = [row for at, row in above if at < names and len(dialect.split(row)) == 1]
                     title = printable("".join(titles[-1:]).strip(MARKS))[:LONGEST_TITLE]
-                    found.append(Region(*end, names - end[0], title, key=key))
-                found[-1].rows += (text.count("\n") or text.count("\r")) if plain else 1
-                found[-1].width = found[-1].width or len(cells)
+                    regions.append(Region(*end, names - end[0], title, key=key))
+                regions[-1].rows += (text.count("\n") or text.count("\r")) if plain else 1
+                regions[-1].width = regions[-1].width or len(cells)
                 above = []
             elif re.search(r"\w", text):
                 above = [*above[-SETTINGS:], (line, text)]
             line, begin = line + ((text.count("\n") or text.count("\r")) if plain else 1), begin + size(text)
             end = end if above else (line, begin)
-    for k in reversed(range(len(found) - 1)):
-        upper, lower = found[k : k + 2]
+    for k in reversed(range(len(regions) - 1)):
+        upper, lower = regions[k : k + 2]
         if upper.rows < min(FEW_ROWS, lower.rows):
             lower.names += lower.line - upper.line
             lower.line, lower.begin = upper.line, upper.begin
-            del found[k]
-    return found
+            del regions[k]
+    return regions
 
 
 def _header_above(
@@ -220,7 +220,9 @@ def layout_of(
             if separator != SPACED.separator and (quoted or (separator, mark) != (",", ","))
         ]
     )
-    score, dialect, rows = max((_score(each, lines, first) for each in dialects), key=lambda scored: scored[0])
+    score, dialect, rows = max(
+        (_score(candidate, lines, first) for candidate in dialects), key=lambda scored: scored[0]
+    )
     if score <= 0:
         return None
     cells = [dialect.split(lines[k]) for k in rows]
@@ -235,10 +237,13 @@ def layout_of(
     )
     start = _with_damaged_rows(dialect, lines, next(good, rows[0]), kinds, first)
     layout = _headed(lines, dialect, start, kinds, header_row)
-    beside, told = _named_by_settings(cells[:SETTINGS], kinds), dict(GCS_ENTRY.findall("".join(lines[: layout.start])))
+    beside, gcs = (
+        _named_by_settings(cells[:SETTINGS], kinds),
+        dict(GCS_ENTRY.findall("".join(lines[: layout.start]))),
+    )
     for k, kind in enumerate(kinds):
-        if f"NAME{k}" in told:
-            beside[k] = Column.named(told[f"NAME{k}"], told.get(f"UNIT{k}", ""), kind=kind)
+        if f"NAME{k}" in gcs:
+            beside[k] = Column.named(gcs[f"NAME{k}"], gcs.get(f"UNIT{k}", ""), kind=kind)
     period = period_in([*lines[: layout.start], *stated])
     return replace(
         layout,
@@ -327,14 +332,17 @@ def _with_damaged_rows(dialect: Dialect, lines: Sequence[str], start: int, kinds
 def _named_by_settings(rows: Sequence[Sequence[str]], kinds: Sequence[Kind]) -> dict[int, Column]:
     """Columns of an oscilloscope that writes its settings beside the first rows, name and value in two columns left of
     time and signal (Tektronix TDS)."""
-    found: dict[int, Column] = {}
+    columns: dict[int, Column] = {}
     for k in range(len(kinds) - 1):
-        told = {row[k]: row[k + 1] for row in rows} if kinds[k] == "text" else {}
-        if "Vertical Units" in told:
+        settings = {row[k]: row[k + 1] for row in rows} if kinds[k] == "text" else {}
+        if "Vertical Units" in settings:
             numbers = [at for at in range(k + 2, len(kinds)) if kinds[at] == "number"]
-            names = ("Time", told.get("Horizontal Units", "s")), (told.get("Source", "signal"), told["Vertical Units"])
-            found |= {at: Column.named(*name, kind="number") for at, name in zip(numbers, names, strict=False)}
-    return found
+            names = (
+                ("Time", settings.get("Horizontal Units", "s")),
+                (settings.get("Source", "signal"), settings["Vertical Units"]),
+            )
+            columns |= {at: Column.named(*name, kind="number") for at, name in zip(numbers, names, strict=False)}
+    return columns
 
 
 def _headed(
@@ -401,8 +409,8 @@ def _uncommented(dialect: Dialect, line: str) -> str:
 def _names(dialect: Dialect, line: str, kinds: Sequence[Kind]) -> list[str] | None:
     """The names in a line above columns of these kinds; None for a remark."""
     width = len(kinds)
-    for parts in _splits(dialect, _uncommented(dialect, line)):
-        cells = [cell.strip().strip('"').strip() for cell in parts]
+    for names in _splits(dialect, _uncommented(dialect, line)):
+        cells = [cell.strip().strip('"').strip() for cell in names]
         if len(cells) == width + 1 > 2:  # a separator at the end, or LabVIEW's comment that no row has
             cells = cells[:-1]
         if 1 < len(cells) < width and set(kinds[len(cells) :]) == {"empty"}:  # rows end in separators
@@ -424,7 +432,7 @@ def _splits(dialect: Dialect, text: str) -> list[list[str]]:
             *(cells_of(text, mark) for mark in ",;" if mark in text),
             re.findall(r'"[^"]*"', text),
         ]
-    ways = [dialect.split(text)]
-    if len(ways[0]) == 1:  # the header has another separator than the rows
-        ways += [wide, bare, re.split(r"[,;]", text)]
-    return ways
+    splits = [dialect.split(text)]
+    if len(splits[0]) == 1:  # the header has another separator than the rows
+        splits += [wide, bare, re.split(r"[,;]", text)]
+    return splits

@@ -1,4 +1,4 @@
-"""From a file to even samples: the table of its format, the roles of its columns, the rows that are wanted, what is
+"""From a file to even samples: the table of its format, the roles of its columns, the selected rows, what is
 wrong with them, which is repaired where that is safe, and said, or refused with its row, and a question where the
 numbers cannot be in their units.
 
@@ -64,9 +64,9 @@ def open_table(path: str | Path, named: Mapping[str, str | None], options: ReadO
         for k, table in enumerate(tables, start=1)
     ]
     if options.table is not None:
-        wanted = options.table.casefold()
-        fits = [int(wanted) - 1] if wanted.isdigit() and 0 < int(wanted) <= len(tables) else []
-        for test in (wanted.__eq__, lambda title: wanted in title):
+        query = options.table.casefold()
+        fits = [int(query) - 1] if query.isdigit() and 0 < int(query) <= len(tables) else []
+        for test in (query.__eq__, lambda title: query in title):
             fits = fits or [k for k, table in enumerate(tables) if test(table.title.casefold())]
         question = f"has {len(fits) or 'no'} tables {options.table!r}"
     elif len(tables) > 1:
@@ -75,7 +75,7 @@ def open_table(path: str | Path, named: Mapping[str, str | None], options: ReadO
             with suppress(RecordingError):
                 choose_roles(table, named, options.sample_time is not None)
                 fits += [k] * (table.rows > FEW_ROWS)
-        question = f"has {len(tables)} tables, and {len(fits) or 'none'} of them can be the recording by their columns"
+        question = f"has {len(tables)} tables, and the columns of {len(fits) or 'none'} look like a recording"
     else:
         return tables[0]
     if len(fits) != 1:
@@ -111,10 +111,10 @@ def read_signals(
     unit = 1.0 if time is None else seconds_per_unit(table, time, options)
     stated = table.columns[next(iter(signals.values()))].sample_time
     period = options.sample_time or stated or 1.0
-    wanted, outside = _wanted(table, time, unit, period, options)
+    selected, outside = _selected_rows(table, time, unit, period, options)
     positions = [k for k in (time, *signals.values(), roles.unread) if k is not None]
-    columns = dict(zip(positions, table.read(positions, wanted), strict=True))
-    first, step = wanted.start or 0, wanted.step or 1
+    columns = dict(zip(positions, table.read(positions, selected), strict=True))
+    first, step = selected.start or 0, selected.step or 1
     rows = Rows(
         table.path,
         [f"column {table.names[k]!r}" for k in signals.values()],
@@ -127,28 +127,28 @@ def read_signals(
     if outside.any():
         rows.starts = [0, *(np.flatnonzero(outside[:-1] & ~outside[1:]) + 1).tolist()]
         rows.take(np.flatnonzero(~outside))
-    if wanted != slice(None):
+    if selected != slice(None):
         rows.remarks.append(f"read from {rows.where(0)} on" + f", one row in {step}" * (step > 1))
     if roles.unread is not None:
         _refuse_other_clock(table, roles.unread, columns[roles.unread], period * step, options)
     del columns
-    found = _sampled(rows, unit, period * step, options)
+    sample_time = _sampled(rows, unit, period * step, options)
     is_number = time is not None and table.columns[time].kind == "number"
     guessed = is_number and not (time is None or table.columns[time].unit or options.time_unit)
     is_stated = time is None and options.sample_time is None and stated is not None
     if (
-        found > LONGEST_PERIOD_S
+        sample_time > LONGEST_PERIOD_S
         and options.resample is None
         and (is_stated or (is_number and options.time_unit is None))
     ):
         whose, confirmed_by = ("its header", "--sample-time") if is_stated else (rows.time_label, "--time-unit")
         raise RecordingError(
-            f"{table.path}: {whose} has one sample every {found:.6g} s{GUESS * guessed}; is a decimal mark lost, or "
-            f"is its unit another one? {confirmed_by} states it, or confirms it"
+            f"{table.path}: {whose} has one sample every {sample_time:.6g} s{GUESS * guessed}; is a decimal mark "
+            f"missing, or the unit wrong? {confirmed_by} states or confirms it"
         )
     about = {
         "name": str(table.path),
-        "sample_time": found,
+        "sample_time": sample_time,
         "columns": {role: table.names[k] for role, k in roles.columns.items()},
         "reasons": roles.reasons,
         "form": f"{table.form}, which states the sampling period" if is_stated else table.form,
@@ -166,12 +166,12 @@ def _sampled(rows: Rows, unit: float, period: float, options: ReadOptions) -> fl
     fill(rows)
     refuse_sorted(rows)
     begin_parts(rows, even=options.resample is None)
-    found = _sampling(rows, unit, period, options)
+    sample_time = _sampling(rows, unit, period, options)
     count_fresh(rows)
     replace_bad_samples(rows)
     if options.strict and rows.repairs:
-        raise RecordingError(f"{rows.path}: {rows.repairs[0]}; without --strict that is repaired")
-    return found if options.resample is None else _resampled(rows, unit, options)
+        raise RecordingError(f"{rows.path}: {rows.repairs[0]}; without --strict it is repaired")
+    return sample_time if options.resample is None else _resampled(rows, unit, options)
 
 
 def _sampling(rows: Rows, unit: float, period: float, options: ReadOptions) -> float:
@@ -201,7 +201,7 @@ def _resampled(rows: Rows, unit: float, options: ReadOptions) -> float:
     if not 2 <= length <= (MOST_SAMPLES if options.time_unit else MOST_MULTIPLIED * count):
         raise RecordingError(
             f"{rows.path}: --resample {period:g} makes {length} samples of {count} rows over {duration:g} s; are the "
-            "times in another unit? --time-unit states it, or confirms it"
+            "times in another unit? --time-unit states or confirms it"
         )
     grid = times[0] + period / unit * np.arange(length)
     rows.signals = [np.interp(grid, times, signal) for signal in rows.signals]
@@ -291,7 +291,9 @@ def seconds_per_unit(table: Table, time: int, options: ReadOptions) -> float:
     return factor
 
 
-def _wanted(table: Table, time: int | None, unit: float, period: float, options: ReadOptions) -> tuple[slice, Mask]:
+def _selected_rows(
+    table: Table, time: int | None, unit: float, period: float, options: ReadOptions
+) -> tuple[slice, Mask]:
     """The rows between two times after the first one of their sweep, and which of them lie between sweeps."""
     none = np.zeros(0, dtype=bool)
     low, high = options.from_s or 0.0, math.inf if options.to_s is None else options.to_s
@@ -307,11 +309,11 @@ def _wanted(table: Table, time: int | None, unit: float, period: float, options:
     if inside.size < 2:
         span = f"after --from {low:g}" if high == math.inf else f"between --from {low:g} and --to {high:g}"
         raise RecordingError(
-            f"{table.path}: has {inside.size} rows {span}, seconds after its first time; it lasts "
+            f"{table.path}: has {inside.size} rows {span} (seconds after its first time); it lasts "
             f"{np.nanmax(since):g} s"
         )
-    wanted = slice(int(inside[0]), int(inside[-1]) + 1, options.decimate)
-    return wanted, ~((since >= low) & (since <= high))[wanted]
+    selected = slice(int(inside[0]), int(inside[-1]) + 1, options.decimate)
+    return selected, ~((since >= low) & (since <= high))[selected]
 
 
 def _refuse_other_clock(table: Table, time: int, times: Vector, period: float, options: ReadOptions) -> None:
@@ -329,9 +331,9 @@ def _refuse_other_clock(table: Table, time: int, times: Vector, period: float, o
 
 def _unit(table: Table, role: str, k: int, values: Vector, options: ReadOptions) -> str:
     """The unit of a signal; magnitudes that no actuator has are refused, with the question that confirms them."""
-    given = options.input_unit if role == "input" else options.output_unit
-    if given is not None:
-        return canonical(given) or given.strip()
+    stated = options.input_unit if role == "input" else options.output_unit
+    if stated is not None:
+        return canonical(stated) or stated.strip()
     unit = table.columns[k].unit
     if unit in (*VOLTAGES, *LENGTHS):
         low, high = float(values.min()), float(values.max())
@@ -339,7 +341,7 @@ def _unit(table: Table, role: str, k: int, values: Vector, options: ReadOptions)
         if PREFIX[unit[:-1]] * reach > most:
             raise RecordingError(
                 f"{table.label(k)}, the {role}, reaches from {low:.6g} to {high:.6g} {unit}, more than {most:g} "
-                f"{unit[-1]}; is a decimal mark lost, or is its unit another one? "
-                f"--{'input' if role == 'input' else 'output'}-unit states it, or confirms it"
+                f"{unit[-1]}; is a decimal mark missing, or the unit wrong? "
+                f"--{'input' if role == 'input' else 'output'}-unit states or confirms it"
             )
     return unit

@@ -58,7 +58,7 @@ class ReadOptions:
             (self.decimal not in (None, ".", ","), f"the decimal mark is '.' or ',', not {self.decimal!r}"),
             (
                 (self.header_row or 0) < 0,
-                f"rows are counted from 1 (0 for no header), so the header is not in {self.header_row}",
+                f"the header row must be at least 1, or 0 for no header, not {self.header_row}",
             ),
             (self.decimate is not None and self.decimate < 1, f"--decimate must be at least 1, not {self.decimate}"),
             (

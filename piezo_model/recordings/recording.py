@@ -54,7 +54,7 @@ class Source:
     @property
     def notes(self) -> tuple[str, ...]:
         """The remarks, for reports; they also say where seconds are a guess."""
-        return self.remarks + ("seconds are a guess, since nobody states the unit of the times",) * self.guessed_seconds
+        return self.remarks + ("seconds are a guess, since no unit of the times is stated",) * self.guessed_seconds
 
     def _describe_signal(self, role: str, unit: str, span: tuple[float, float]) -> str:
         column = f" {self.columns[role]!r}" if role in self.columns else ""
@@ -64,8 +64,8 @@ class Source:
     def _conversions(self, pairs: Mapping[str, tuple[str, str]]) -> tuple[tuple[float, ...], str]:
         """Factors by role, from the first unit to the second, and the new value of ``units``."""
         gains, clauses = zip(*(conversion(self.name, role, *pair) for role, pair in pairs.items()), strict=True)
-        said = " and ".join(filter(None, clauses))
-        return gains, f"{self.name}: {said}." if said else self.units
+        sentence = " and ".join(filter(None, clauses))
+        return gains, f"{self.name}: {sentence}." if sentence else self.units
 
     def _describe_period(self) -> str:
         return f"one every {quantity(self.sample_time, 's')}{GUESS * self.guessed_seconds}"
@@ -237,7 +237,7 @@ class Recording(Source):
         shapes = [signal.shape for signal in signals.values()]
         if shapes[0] != shapes[1] or len(shapes[0]) != 1 or not shapes[0][0]:
             raise RecordingError(
-                f"{name}: input and output must be one-dimensional, of one length and not empty, "
+                f"{name}: input and output must be one-dimensional, of equal length and not empty, "
                 f"not of shapes {shapes[0]} and {shapes[1]}"
             )
         rows = Rows(name, ["input", "output"], [np.copy(signal) for signal in signals.values()], "sample {}".format)
@@ -335,7 +335,7 @@ class Recording(Source):
         Raises
         ------
         UnitError
-            The recording is in units that measure something else, such as nm where V is wanted.
+            The recording is in units that measure something else, such as nm instead of V.
 
         Examples
         --------

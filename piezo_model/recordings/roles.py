@@ -290,12 +290,12 @@ def _find_signals_by_name(search: _Search, likely: Sequence[int]) -> None:
 
 
 def _question(table: Table, missing: Sequence[str]) -> str:
-    way_out = f"name {'it' if len(missing) == 1 else 'them'} with {' and '.join(f'--{role}' for role in missing)}"
+    remedy = f"name {'it' if len(missing) == 1 else 'them'} with {' and '.join(f'--{role}' for role in missing)}"
     if list(missing) == ["time"]:
-        way_out = "name it with --time, or say --sample-time or --sample-rate if there is none"
+        remedy = "name it with --time, or say --sample-time or --sample-rate if there is none"
     return (
         f"{table.path}: cannot tell which column is the {' and which the '.join(missing)}; its columns are "
-        f"{_listed(table)}; {way_out}"
+        f"{_listed(table)}; {remedy}"
     )
 
 

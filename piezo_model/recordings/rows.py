@@ -23,7 +23,7 @@ LEAST_PAUSE = 10.0
 """Shortest pause between two parts, in sampling periods and in the steps beside it; a shorter one is a gap."""
 SAME_RATE = 0.02
 """Largest relative difference of the sampling periods of two parts."""
-PART = 65536
+WINDOW = 65536
 """Rows that tell the usual step."""
 SAME_VALUES = 0.9
 """Smallest share of repeated stamps that repeat the values, too."""
@@ -68,15 +68,15 @@ class Rows:
         """Number of rows."""
         return self.signals[0].size
 
-    def take(self, kept: Index | slice) -> None:
+    def take(self, selection: Index | slice) -> None:
         """Keep some rows, in this order; a part starts at the first of its rows that are left."""
-        self.signals = [signal[kept] for signal in self.signals]
-        self.times = None if self.times is None else self.times[kept]
-        self.uncounted = self.uncounted[kept]
-        if not isinstance(kept, slice):
+        self.signals = [signal[selection] for signal in self.signals]
+        self.times = None if self.times is None else self.times[selection]
+        self.uncounted = self.uncounted[selection]
+        if not isinstance(selection, slice):
             where = self.where
-            self.where = lambda row: where(int(kept[row]))
-            self.starts = np.unique(np.searchsorted(kept, self.starts)).tolist()
+            self.where = lambda row: where(int(selection[row]))
+            self.starts = np.unique(np.searchsorted(selection, self.starts)).tolist()
 
     def replace(self, k: int, bad: Mask) -> None:
         """Draw straight lines over bad values of a signal, which then do not count."""
@@ -130,8 +130,8 @@ def refuse_sorted(rows: Rows) -> None:
         jumps = travel > LEAST_JUMP * rows.length * span or not steps.all()
         if _monotonic(ordered) and travel > TO_AND_FRO * span > 0.0 and jumps:
             raise RecordingError(
-                f"{rows.path}: {label} only {'rises' if steps.max() > 0.0 else 'falls'} while the other signal goes to "
-                "and fro: the rows are sorted by it, and their order in time, which hysteresis needs, is lost"
+                f"{rows.path}: {label} only {'rises' if steps.max() > 0.0 else 'falls'} while the other signal goes "
+                "back and forth: the rows are sorted by it, and their order in time, which hysteresis needs, is lost"
             )
 
 
@@ -154,7 +154,7 @@ def begin_parts(rows: Rows, even: bool = True) -> None:
     if times is None or rows.length < 2:
         return
     steps = np.diff(times)
-    positive = steps[:PART][steps[:PART] > 0.0]
+    positive = steps[:WINDOW][steps[:WINDOW] > 0.0]
     usual = float(np.median(positive)) if positive.size else 0.0
     back = np.flatnonzero(steps < 0.0) + 1
     sweeps = [0, *back.tolist()]
@@ -164,7 +164,7 @@ def begin_parts(rows: Rows, even: bool = True) -> None:
     ]
     if back.size and min(np.diff([*sweeps, rows.length])) >= LEAST_SWEEP and all(returns):
         rows.starts = sorted({*rows.starts, *sweeps})
-        rows.remarks.append(f"{len(sweeps)} sweeps below each other: the times start again in {rows.named(back)}")
+        rows.remarks.append(f"{len(sweeps)} consecutive sweeps: the times start again in {rows.named(back)}")
     long = np.flatnonzero(steps > LEAST_PAUSE * usual)
     alone = steps[long] > LEAST_PAUSE * np.maximum(steps[long - 1], np.abs(steps[(long + 1) % steps.size]))
     pauses = np.setdiff1d(long[alone] + 1, rows.starts)
@@ -177,7 +177,7 @@ def begin_parts(rows: Rows, even: bool = True) -> None:
     if pauses.size and long_enough:
         rows.starts = sorted({*rows.starts, *pauses.tolist()})
         many = "a pause" if pauses.size == 1 else f"{pauses.size} pauses"
-        rows.repairs.append(f"{many} in its times, before {rows.named(pauses)}: the states begin anew there")
+        rows.repairs.append(f"{many} in its times, before {rows.named(pauses)}: the operator states start anew there")
     if later := rows.starts[1:]:
         if even:
             _refuse_other_rates(rows, times)
@@ -197,7 +197,7 @@ def _refuse_other_rates(rows: Rows, times: Vector) -> None:
         if abs(mean - means[0]) > allowed * means[0]:
             raise RecordingError(
                 f"{rows.path}: {rows.time_label} has two sampling rates: one sample every {means[0]:.6g} in the first "
-                f"part and one every {mean:.6g} in that from {rows.where(start)} on; --resample interpolates to an "
+                f"part and one every {mean:.6g} from {rows.where(start)} on; --resample interpolates to an "
                 "even clock"
             )
 
@@ -210,7 +210,7 @@ def drop_repeats(rows: Rows) -> bool:
     if not again.size or np.count_nonzero(same) < SAME_VALUES * again.size:
         return False
     rows.repairs.append(
-        f"{again.size} of {rows.length} rows repeat the time before them, and nearly all its values, and were left out"
+        f"{again.size} of {rows.length} rows repeat the time before them, nearly all with its values, and were left out"
     )
     rows.take(np.delete(np.arange(rows.length), again))
     return True

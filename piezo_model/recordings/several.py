@@ -23,17 +23,19 @@ class Recordings(Recording):
     def together(cls, recordings: Sequence[Recording], weights: Sequence[float] | None = None) -> Self:
         """Put recordings in the same units together; equal weights by default."""
         first = recordings[0]
-        ends = np.cumsum([0, *(one.length for one in recordings)])
-        x_ends, y_ends = zip(*((one.x_range, one.y_range) for one in recordings), strict=True)
+        ends = np.cumsum([0, *(recording.length for recording in recordings)])
+        x_ends, y_ends = zip(*((recording.x_range, recording.y_range) for recording in recordings), strict=True)
         return cls(
-            name=" and ".join(one.name for one in recordings),
-            sample_time=min(one.sample_time for one in recordings),
-            remarks=tuple(f"{one.name}: {note}" for one in recordings for note in one.notes),
-            units=" ".join(filter(None, (one.units for one in recordings))),
-            x=np.concatenate([one.x for one in recordings]),
-            y=np.concatenate([one.y for one in recordings]),
-            uncounted=np.concatenate([one.uncounted for one in recordings]),
-            starts=tuple(int(end) + start for end, one in zip(ends, recordings, strict=False) for start in one.starts),
+            name=" and ".join(recording.name for recording in recordings),
+            sample_time=min(recording.sample_time for recording in recordings),
+            remarks=tuple(f"{recording.name}: {note}" for recording in recordings for note in recording.notes),
+            units=" ".join(filter(None, (recording.units for recording in recordings))),
+            x=np.concatenate([recording.x for recording in recordings]),
+            y=np.concatenate([recording.y for recording in recordings]),
+            uncounted=np.concatenate([recording.uncounted for recording in recordings]),
+            starts=tuple(
+                int(end) + start for end, recording in zip(ends, recordings, strict=False) for start in recording.starts
+            ),
             x_range=(float(np.min(x_ends)), float(np.max(x_ends))),
             y_range=(float(np.min(y_ends)), float(np.max(y_ends))),
             input_unit=first.input_unit,
@@ -45,23 +47,25 @@ class Recordings(Recording):
     @property
     def duration_s(self) -> float:
         """Duration of the longest recording in s."""
-        return max(one.duration_s for one in self.recordings)
+        return max(recording.duration_s for recording in self.recordings)
 
     @property
     def time(self) -> Vector:
         """Time, shape (samples,), from the middle of each recording on, from −1 to 1 over the longest one."""
-        return np.concatenate([one.time * (one.duration_s / self.duration_s) for one in self.recordings])
+        return np.concatenate(
+            [recording.time * (recording.duration_s / self.duration_s) for recording in self.recordings]
+        )
 
     @property
     def members(self) -> list[slice]:
         """The samples of each recording."""
-        ends = np.cumsum([0, *(one.length for one in self.recordings)]).tolist()
+        ends = np.cumsum([0, *(recording.length for recording in self.recordings)]).tolist()
         return [slice(*pair) for pair in pairwise(ends)]
 
     @property
     def owners(self) -> list[int]:
         """For each part the number of its recording."""
-        return [i for i, one in enumerate(self.recordings) for _ in one.starts]
+        return [i for i, recording in enumerate(self.recordings) for _ in recording.starts]
 
     @property
     def part_weights(self) -> list[float]:

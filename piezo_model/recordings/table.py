@@ -1,7 +1,7 @@
 """A table: named columns of a file, each read as a whole array when it is asked for.
 
-A reader of a format gives batches of rows; ``Table.read`` joins those of the chosen columns, and only of the rows that
-are wanted, to float64 arrays in which a missing cell is NaN and a clock counts seconds since its first time.
+A reader of a format gives batches of rows; ``Table.read`` joins those of the chosen columns, and only of the
+selected rows, to float64 arrays in which a missing cell is NaN and a clock counts seconds since its first time.
 """
 
 import re
@@ -142,32 +142,32 @@ class Table:
         """
         if len({self.columns[k].rows for k in columns}) > 1:
             lengths = ", ".join(f"{self.names[k]!r} has {self.columns[k].rows} rows" for k in columns)
-            raise RecordingError(f"{self.path}: the columns are not of one length: {lengths}")
+            raise RecordingError(f"{self.path}: the columns differ in length: {lengths}")
         first, stop, step = rows.start or 0, rows.stop, rows.step or 1
         most = free_memory() / (8 * COPIES * max(len(columns), 1))
-        parts = list[list[Any]]([[] for _ in columns])
-        seen = kept = 0
+        chunks = list[list[Any]]([[] for _ in columns])
+        seen = selected = 0
         for batch in self.batches(columns):
             begin = first - seen if seen < first else -(seen - first) % step
             end = None if stop is None else max(stop - seen, 0)
             seen += len(batch[0])
-            kept += len(batch[0][begin:end:step])
-            if kept > most:
+            selected += len(batch[0][begin:end:step])
+            if selected > most:
                 raise RecordingError(
-                    f"{self.path}: has more than {kept} rows, too many for the free memory; read a part of it with "
+                    f"{self.path}: has more than {selected} rows, too many for the free memory; read a part of it with "
                     "--from and --to (seconds), or every tenth row with --decimate 10"
                 )
-            for k, values, read in zip(columns, batch, parts, strict=True):
-                wanted = values[begin:end:step]
-                read.append(wanted if self.columns[k].kind == "clock" else np.array(wanted, dtype=float))
+            for k, values, read in zip(columns, batch, chunks, strict=True):
+                chunk = values[begin:end:step]
+                read.append(chunk if self.columns[k].kind == "clock" else np.array(chunk, dtype=float))
             if stop is not None and seen >= stop:
                 break
-        return [self._joined(k, parts.pop(0)) for k in columns]
+        return [self._joined(k, chunks.pop(0)) for k in columns]
 
-    def _joined(self, k: int, parts: list[Any]) -> Vector:
-        if parts and self.clocks and self.columns[k].kind == "clock":
-            parts = [self.clocks(parts, self.label(k), self.where)]
-        values = np.concatenate(parts or [np.empty(0)])
+    def _joined(self, k: int, chunks: list[Any]) -> Vector:
+        if chunks and self.clocks and self.columns[k].kind == "clock":
+            chunks = [self.clocks(chunks, self.label(k), self.where)]
+        values = np.concatenate(chunks or [np.empty(0)])
         return seconds_since_first(values) if values.dtype.kind in "mM" else values
 
 
@@ -177,11 +177,11 @@ def seconds_since_first(times: np.ndarray) -> Vector:
     Seconds since 1970 in double precision would be rounded to 0.2 µs. Times of day may pass midnight.
     """
     seconds, known = np.full(times.shape, np.nan), ~np.isnat(times)
-    kept = times[known]
-    if kept.dtype.kind == "m":
-        midnights = np.cumsum(np.diff(kept, prepend=kept[:1]) < np.timedelta64(-12, "h"))
-        kept = kept + midnights * np.timedelta64(1, "D")
-    seconds[known] = (kept - kept[:1]) / np.timedelta64(1, "s")
+    valid = times[known]
+    if valid.dtype.kind == "m":
+        midnights = np.cumsum(np.diff(valid, prepend=valid[:1]) < np.timedelta64(-12, "h"))
+        valid = valid + midnights * np.timedelta64(1, "D")
+    seconds[known] = (valid - valid[:1]) / np.timedelta64(1, "s")
     return seconds
 
 

@@ -87,9 +87,7 @@ class TextRows:
                 raise RecordingError(self._complaint([k for k in at if k not in clocks], error)) from None
             lines = (block.count(b"\n") or block.count(b"\r")) + (not block.endswith((b"\n", b"\r")))
             if layout.quoted and len(table) != lines:
-                raise RecordingError(
-                    f"{self.source.path}: has a quote that is not closed, {lines} lines are {len(table)} rows"
-                )
+                raise RecordingError(f"{self.source.path}: has an unclosed quote: {lines} lines give {len(table)} rows")
             for batch in table.to_batches():
                 columns = {k: batch.column(keys[k]) for k in at}
                 yield [columns[k] if k in clocks else array_of(columns[k]) for k in at]

@@ -74,7 +74,7 @@ def _checked(path: Path, columns: Mapping[str, ArrayLike]) -> dict[str, NDArray[
     lengths = {name: array.shape for name, array in arrays.items()}
     if any(len(shape) != 1 for shape in lengths.values()) or len(set(lengths.values())) > 1:
         shapes = ", ".join(f"{name!r} {shape}" for name, shape in lengths.items())
-        raise RecordingError(f"{path}: columns must be one-dimensional and of one length, not {shapes}")
+        raise RecordingError(f"{path}: columns must be one-dimensional and of equal length, not {shapes}")
     for name, values in arrays.items():
         label = f"{path}: column {name!r} holds"
         if values.dtype.kind not in "iuf":

@@ -60,7 +60,7 @@ int64_t accelerated_steps(ProjectedGradient *s, int64_t steps, real tolerance)
         done = sum8(square) <= threshold;
         ++k;
     }
-    s->head->taken = k;
+    s->head->steps = k;
     s->head->met = done;
     return k;
 }

@@ -40,7 +40,7 @@ class BuildCore(build_ext):
 
 def _libraries() -> list[Path]:
     sets = compile_core.instruction_sets()
-    return [compile_core.library(package, each) for package in compile_core.PACKAGES for each in sets]
+    return [compile_core.library(package, isa) for package in compile_core.PACKAGES for isa in sets]
 
 
 def _compiler() -> list[str]:

@@ -27,24 +27,24 @@ void refuse(Arguments *a, const char *why) { FAIL(a, PyExc_ValueError, "%s: %s",
 
 static void refuse_argument(Arguments *a, const char *why)
 {
-    FAIL(a, PyExc_ValueError, "%s: argument %d %s", a->signature, a->taken, why);
+    FAIL(a, PyExc_ValueError, "%s: argument %d %s", a->signature, a->parsed, why);
 }
 
-static const char *take_number(Arguments *a, PyObject *given, Value *value, const char *at)
+static const char *take_number(Arguments *a, PyObject *object, Value *value, const char *at)
 {
-    value->number = PyFloat_AsDouble(given);
+    value->number = PyFloat_AsDouble(object);
     a->failed = value->number == -1.0 && PyErr_Occurred() != NULL;
     return at;
 }
 
-static const char *take_whole(Arguments *a, PyObject *given, Value *value, const char *at)
+static const char *take_whole(Arguments *a, PyObject *object, Value *value, const char *at)
 {
     const int64_t least = *at == ':' ? INT64_MIN : size_in(a, &at);
     const int64_t most = *++at == ',' || *at == ')' ? INT64_MAX : size_in(a, &at);
-    value->whole = PyLong_AsLongLong(given);
+    value->whole = PyLong_AsLongLong(object);
     a->failed = value->whole == -1 && PyErr_Occurred() != NULL;
     if (!a->failed && (value->whole < least || value->whole > most)) {
-        FAIL(a, PyExc_ValueError, "%s: argument %d must be from %lld to %lld, not %lld", a->signature, a->taken,
+        FAIL(a, PyExc_ValueError, "%s: argument %d must be from %lld to %lld, not %lld", a->signature, a->parsed,
              (long long)least, (long long)most, (long long)value->whole);
     }
     return at;
@@ -54,31 +54,31 @@ static const char *take_whole(Arguments *a, PyObject *given, Value *value, const
 #define NATIVE (__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__ ? '<' : '>')
 
 /* The buffer of an argument, whose entries must have one of `types` and this size. */
-static const Py_buffer *take_buffer(Arguments *a, PyObject *given, int flags, const char *types, Py_ssize_t itemsize)
+static const Py_buffer *take_buffer(Arguments *a, PyObject *object, int flags, const char *types, Py_ssize_t itemsize)
 {
-    Py_buffer *const view = &a->views[a->taken - 1];
-    a->failed = PyObject_GetBuffer(given, view, flags | PyBUF_C_CONTIGUOUS | PyBUF_FORMAT) != 0;
+    Py_buffer *const view = &a->views[a->parsed - 1];
+    a->failed = PyObject_GetBuffer(object, view, flags | PyBUF_C_CONTIGUOUS | PyBUF_FORMAT) != 0;
     const char *const type = a->failed || view->format == NULL ? "B" : view->format + (view->format[0] == NATIVE);
     if (!a->failed
         && (*type == '\0' || strchr(types, *type) == NULL || type[1] != '\0' || view->itemsize != itemsize)) {
-        FAIL(a, PyExc_TypeError, "%s: argument %d holds numbers of type %s, not %s", a->signature, a->taken, type,
+        FAIL(a, PyExc_TypeError, "%s: argument %d holds numbers of type %s, not %s", a->signature, a->parsed, type,
              types);
     }
     return a->failed ? NULL : view;
 }
 
-static const char *take_array(Arguments *a, PyObject *given, Value *value, const char *at)
+static const char *take_array(Arguments *a, PyObject *object, Value *value, const char *at)
 {
     const char *mark = strchr(at, ']') + 1;
     const char type = *mark == 'q' || *mark == 'i' ? *mark++ : 'd';
     const int written = *mark == '=', optional = *mark == '?';
-    int axis = 0, fits = 1;
+    int axis = 0;
     mark += written || optional;
     value->memory = NULL;
-    if (optional && given == &_Py_NoneStruct) {
+    if (optional && object == &_Py_NoneStruct) {
         return mark;
     }
-    const Py_buffer *const view = take_buffer(a, given, written ? PyBUF_WRITABLE : 0,
+    const Py_buffer *const view = take_buffer(a, object, written ? PyBUF_WRITABLE : 0,
                                               type == 'q'   ? "lq"
                                               : type == 'i' ? "i"
                                                             : "d",
@@ -89,22 +89,24 @@ static const char *take_array(Arguments *a, PyObject *given, Value *value, const
     for (--at; *at != ']'; ++axis) {
         const char letter = *++at;
         const int64_t size = size_in(a, &at);
-        if (axis >= view->ndim || (size >= 0 && view->shape[axis] != size)) {
-            fits = 0;
-        } else if (size < 0) {
+        if (axis < view->ndim && size < 0) {
             a->sizes[letter - 'a'] = view->shape[axis];
+        } else if (axis < view->ndim && view->shape[axis] != size) {
+            FAIL(a, PyExc_ValueError, "%s: argument %d: expected length %lld in axis %d, got %zd", a->signature,
+                 a->parsed, (long long)size, axis, view->shape[axis]);
         }
     }
-    if (!fits || axis != view->ndim) {
-        refuse_argument(a, "has not the shape that the others ask for");
+    if (!a->failed && axis != view->ndim) {
+        FAIL(a, PyExc_ValueError, "%s: argument %d: expected %d axes, got %d", a->signature, a->parsed, axis,
+             view->ndim);
     }
     value->memory = view->buf;
     return mark;
 }
 
-static const char *take_state(Arguments *a, PyObject *given, Value *value, const char *at)
+static const char *take_state(Arguments *a, PyObject *object, Value *value, const char *at)
 {
-    const Py_buffer *const view = take_buffer(a, given, PyBUF_WRITABLE, "B", 1);
+    const Py_buffer *const view = take_buffer(a, object, PyBUF_WRITABLE, "B", 1);
     int32_t kind = 0;
     for (; *at >= '0'; ++at) {
         kind = kind << 8 | *at;
@@ -120,9 +122,9 @@ static const char *take_state(Arguments *a, PyObject *given, Value *value, const
         refuse_argument(a, "is in use by another thread; give each thread one of its own");
     } else if ((uintptr_t)view->buf % 64 != 0 || view->len < (Py_ssize_t)sizeof *head
                || (kind != 0 && (head->kind != kind || view->len < head->bytes))) {
-        refuse_argument(a, "is not the state that this function wants");
+        refuse_argument(a, "is not the state that this function takes");
     } else if (kind != 0) {
-        a->owned |= is_shared ? 0 : 1 << (a->taken - 1);
+        a->owned |= is_shared ? 0 : 1 << (a->parsed - 1);
         measure_state(a, head);
     }
     return at;
@@ -130,24 +132,24 @@ static const char *take_state(Arguments *a, PyObject *given, Value *value, const
 
 static void refuse_count(Arguments *a)
 {
-    Py_ssize_t wanted = strchr(a->signature, '(')[1] != ')';
+    Py_ssize_t expected = strchr(a->signature, '(')[1] != ')';
     for (const char *comma = a->signature; (comma = strstr(comma, ", ")) != NULL; ++comma) {
-        ++wanted;
+        ++expected;
     }
-    FAIL(a, PyExc_TypeError, "%s takes %zd arguments, not %zd", a->signature, wanted, a->count);
+    FAIL(a, PyExc_TypeError, "%s takes %zd arguments, not %zd", a->signature, expected, a->count);
 }
 
-int take_arguments(Arguments *a, const char *signature, size_t place, PyObject *const *given, Py_ssize_t count)
+int take_arguments(Arguments *a, const char *signature, size_t place, PyObject *const *objects, Py_ssize_t count)
 {
     const char *at = signature + place;
     memset(a, 0, offsetof(Arguments, sizes));
     memset(a->sizes, -1, sizeof a->sizes);
     a->signature = signature;
     a->count = count;
-    while (!a->failed && *at != ')' && a->taken < count && a->taken < MOST_ARGUMENTS) {
-        PyObject *const object = given[a->taken];
-        Value *const value = &a->values[a->taken];
-        a->views[a->taken++].obj = NULL;
+    while (!a->failed && *at != ')' && a->parsed < count && a->parsed < MOST_ARGUMENTS) {
+        PyObject *const object = objects[a->parsed];
+        Value *const value = &a->values[a->parsed];
+        a->views[a->parsed++].obj = NULL;
         while (*at >= 'A' && *at != '[') { /* the name */
             ++at;
         }
@@ -157,7 +159,7 @@ int take_arguments(Arguments *a, const char *signature, size_t place, PyObject *
                           : take_number(a, object, value, at);
         at += *at == ',' ? 2 : 0;
     }
-    if (!a->failed && (*at != ')' || a->taken < count)) {
+    if (!a->failed && (*at != ')' || a->parsed < count)) {
         refuse_count(a);
     }
     return !a->failed;
@@ -172,10 +174,11 @@ int need_bytes(Arguments *a, int argument, int64_t bytes)
     return a->failed;
 }
 
-int need_size(Arguments *a, int64_t size, int64_t wanted)
+int need_size(Arguments *a, int64_t size, int64_t expected)
 {
-    if (size != wanted) {
-        refuse_argument(a, "or one before it has not the shape that the others ask for");
+    if (size != expected) {
+        FAIL(a, PyExc_ValueError, "%s: expected an array of %lld numbers, got %lld", a->signature, (long long)expected,
+             (long long)size);
     }
     return a->failed;
 }
@@ -195,7 +198,7 @@ void return_fields(Arguments *a, const void *state, const Field *fields, size_t 
 /* Invert the kinds of the states of this call, by which they are refused; under Python's lock. */
 static void mark(const Arguments *a)
 {
-    for (int i = 0; i < a->taken; ++i) {
+    for (int i = 0; i < a->parsed; ++i) {
         if (a->owned >> i & 1) {
             StateHead *const head = a->values[i].memory;
             head->kind = ~head->kind;
@@ -217,9 +220,9 @@ PyObject *finish(Arguments *a)
         PyEval_RestoreThread(a->waiting);
         mark(a);
     }
-    while (a->taken > 0) {
-        if (a->views[--a->taken].obj != NULL) {
-            PyBuffer_Release(&a->views[a->taken]);
+    while (a->parsed > 0) {
+        if (a->views[--a->parsed].obj != NULL) {
+            PyBuffer_Release(&a->views[a->parsed]);
         }
     }
     if (a->failed || PyErr_Occurred() != NULL) {

@@ -2,7 +2,7 @@
  *
  * BINDINGS(F) lists the functions of a file, each as
  *
- *     F(name, "arguments", "text of help()", whether it takes long, call)
+ *     F(name, "arguments", "text of help()", whether it may take long, call)
  *
  * and MAKE_BINDINGS(file) defines them. Arguments are names, separated by ", ", each with its type:
  *
@@ -37,7 +37,7 @@ typedef union {
 typedef struct {
     const char *signature;
     Py_ssize_t count;
-    int taken, failed, is_number;
+    int parsed, failed, is_number;
     int owned; /* bit i: argument i is a state of this thread alone */
     int64_t whole_result;
     double number_result;
@@ -48,24 +48,24 @@ typedef struct {
     Py_buffer views[MOST_ARGUMENTS];
 } Arguments;
 
-/* A part of a state that Python views: its beginning, and its length in numbers of eight bytes. */
+/* A field of a state that Python views: its beginning, and its length in numbers of eight bytes. */
 typedef struct {
     const char *name;
     const void *first;
     Py_ssize_t length;
 } Field;
 
-/* Parse the arguments by the signature name(arguments), which begin at `place`; whether all fit. */
-int take_arguments(Arguments *a, const char *signature, size_t place, PyObject *const *given, Py_ssize_t count);
+/* Parse the arguments by the signature name(arguments), which begin at `place`; true if all fit. */
+int take_arguments(Arguments *a, const char *signature, size_t place, PyObject *const *objects, Py_ssize_t count);
 /* Set the sizes that a state determines; each package has its own (module.c). */
 void measure_state(Arguments *a, const void *state);
-/* Fail for a reason that the function itself finds; only if `lasts` is 0, since it sets Python's error. */
+/* Fail for a reason of the function itself; only if `lasts` is 0, since it sets Python's error. */
 void refuse(Arguments *a, const char *why);
-/* Fail if a block has fewer bytes; whether it does. */
+/* Fail, and return true, if a block has fewer bytes. */
 int need_bytes(Arguments *a, int argument, int64_t bytes);
-/* Fail if a size is wrong; whether it is. */
-int need_size(Arguments *a, int64_t size, int64_t wanted);
-/* Return a dictionary of the parts of a state: offset in bytes, and length. */
+/* Fail, and return true, if a size is wrong. */
+int need_size(Arguments *a, int64_t size, int64_t expected);
+/* Return a dictionary of the fields of a state: offset in bytes, and length. */
 void return_fields(Arguments *a, const void *state, const Field *fields, size_t count);
 /* Let other threads of the interpreter run, if it lasts; they are refused the states of this call. */
 void let_others_run(Arguments *a, int lasts);
@@ -82,18 +82,18 @@ PyObject *finish(Arguments *a);
 #define LENGTH(letter) SIZE_OF(&a, letter)
 #define SIZE(letter) ((int)LENGTH(letter))
 #define NEED_BYTES(i, bytes) need_bytes(&a, i, bytes)
-#define NEED_SIZE(letter, wanted) need_size(&a, LENGTH(letter), wanted)
+#define NEED_SIZE(letter, expected) need_size(&a, LENGTH(letter), expected)
 #define RETURN_FIELDS(state, fields) return_fields(a, state, fields, sizeof fields / sizeof *fields)
 #define WHOLE_RESULT a.whole_result
 #define OBJECT_RESULT a.object_result
 #define NUMBER_RESULT a.is_number = 1, a.number_result
 
 #define BINDING_FUNCTION(name, arguments, text, lasts, call)                                                           \
-    static PyObject *enter_##name(PyObject *module, PyObject *const *given, Py_ssize_t count)                          \
+    static PyObject *enter_##name(PyObject *module, PyObject *const *objects, Py_ssize_t count)                        \
     {                                                                                                                  \
         Arguments a;                                                                                                   \
         (void)module;                                                                                                  \
-        if (take_arguments(&a, #name "(" arguments ")", sizeof #name, given, count)) {                                 \
+        if (take_arguments(&a, #name "(" arguments ")", sizeof #name, objects, count)) {                               \
             let_others_run(&a, (lasts) != 0);                                                                          \
             if (!a.failed) {                                                                                           \
                 call;                                                                                                  \

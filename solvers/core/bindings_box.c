@@ -7,7 +7,7 @@ enum { LONG_FROM = 60 }; /* variables from which a solve takes longer than relea
 
 #define BOX ((Box[]){box_at(MEMORY(0))})
 
-/* The parts that Python reads; three counters begin at the exchanges. */
+/* The fields that Python reads; three counters begin at the exchanges. */
 static void field_offsets(Arguments *a, const Box *s)
 {
     const Field fields[] = {

@@ -31,12 +31,12 @@ static int solve(void *solver, const double *start, double *x)
     return t->s->head->met ? OK : CAPPED;
 }
 
-/* Offsets of the parts that Python reads. */
+/* Offsets of the fields that Python reads. */
 static void field_offsets(Arguments *a, const ProjectedGradient *s)
 {
     const Field fields[] = {{"answer", s->answer, s->d},
                             {"eta", &s->head->eta, 1},
-                            {"taken", &s->head->taken, 1},
+                            {"steps", &s->head->steps, 1},
                             {"met", &s->head->met, 1}};
     RETURN_FIELDS(s->head, fields);
 }

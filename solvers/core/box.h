@@ -18,7 +18,7 @@
  *  5. The cost before the last refinement was above its least by no more than BOX_RELATIVE_GAP |f|, or that share of
  *     the rounding of f. A small gradient does not promise this, since the curvature may be as small as d eps.
  *  6. If P is singular, 2 and 3 hold with the proximal term, 3 beyond 4 d eps s more, no bound is violated at all, and
- *     5 holds for what is to be gained along the term's own gradient, at most 64 d eps s (box_proximal.c).
+ *     5 holds for the remaining decrease along the term's own gradient, at most 64 d eps s (box_proximal.c).
  *  7. A variable whose row of P is zero is apart: it goes to the bound that q points to.
  *  8. A cold answer depends on the data alone, and only the data decide whether there is one: a warm solve that ends
  *     without one is followed by a cold one.
@@ -52,17 +52,17 @@ typedef struct {
     real cost, root;                                /* c, and 1/sqrt(r) */
 } BoxHead;
 
-/* The parts of the state; vectors have ld entries, zero from d on. */
+/* The fields of the state; vectors have ld entries, zero from d on. */
 typedef struct {
     BoxHead *head;
     int d, ld;
     real *answer, *raw_q, *lb, *ub; /* the caller's */
     real *scale;                    /* S, 0 for a variable apart */
     real *q, *z_lb, *z_ub, *z, *grad_z;
-    /* Of box_dual.c: the basic quantity of each variable and its feasible interval; the bound of a held variable, else
+    /* Of box_dual.c: the basic quantity of each variable and its feasible interval; the bound of a fixed variable, else
      * 0; 1 for a free variable, else 0; the unit of a multiplier, else 1; W_jj, 1/|W_jj| and the gain of an exchange.
      */
-    real *basic, *low, *high, *held, *is_free, *unit, *diagonal, *weight, *gain;
+    real *basic, *low, *high, *fixed_at, *is_free, *unit, *diagonal, *weight, *gain;
     real *multiplier;                  /* on the way to the next dual feasible set */
     real *inverse_pivot, *coefficient; /* 2 ld numbers, one per exchange: 1/p, and the part of a column in a product */
     real *residual, *step;             /* grad_z_F and P_FF^-1 grad_z_F of a refinement */
@@ -81,7 +81,7 @@ CORE_API Box box_at(void *memory);
 CORE_API int box_setup(void *memory, int d, const real *lb, const real *ub);
 /* Set P (d, d) and q (d), NULL to keep one; OK, NOT_FINITE, ASYMMETRIC or INDEFINITE. */
 CORE_API int box_set_data(Box *s, const real *P, const real *q);
-/* Begin a warm solve at x (d): variables that touch a bound are held there; OK or NOT_FINITE. */
+/* Begin a warm solve at x (d): variables that touch a bound are fixed there; OK or NOT_FINITE. */
 CORE_API int box_start(Box *s, const real *x);
 /* Solve into s->answer: cold from "all free", warm from the last sides or those of box_start, and then cold if that
  * ends without an answer, so that only the data decide whether there is one; without good data, their status. */

@@ -19,7 +19,7 @@ int64_t box_bytes(int d)
 /* The vectors of a state, in rows of ld entries; those from `diagonal` on are written before they are read. A list of
  * fields for LAY_OUT would take gcc 60 to 80 cycles more in each call, a tenth of a solve at d = 5. */
 #define BOX_PARTS(F)                                                                                                   \
-    F(answer, 1) F(raw_q, 1) F(basic, 1) F(low, 1) F(high, 1) F(held, 1) F(is_free, 1) F(unit, 1) F(weight, 1)         \
+    F(answer, 1) F(raw_q, 1) F(basic, 1) F(low, 1) F(high, 1) F(fixed_at, 1) F(is_free, 1) F(unit, 1) F(weight, 1)         \
     F(gain, 1) F(linear, 1) F(centre, 1) F(zero, 1)                                                                    \
     F(diagonal, 1) F(lb, 1) F(ub, 1) F(multiplier, 1) F(scale, 1) F(q, 1) F(z_lb, 1) F(z_ub, 1) F(z, 1) F(grad_z, 1)   \
     F(residual, 1) F(step, 1) F(inverse_diagonal, 1) F(sweep_scratch, 5) F(inverse_pivot, 2) F(coefficient, 2)

@@ -85,7 +85,7 @@ def compiler() -> list[str]:
         There is none.
     """
     candidates = [shlex.split(os.environ["CC"])] if os.environ.get("CC") else []
-    candidates += [[found] for name in ("cc", "gcc", "clang") if (found := shutil.which(name))]
+    candidates += [[path] for name in ("cc", "gcc", "clang") if (path := shutil.which(name))]
     if importlib.util.find_spec("ziglang"):
         candidates.append([sys.executable, "-m", "ziglang", "cc"])
     with tempfile.TemporaryDirectory() as folder:
@@ -95,7 +95,7 @@ def compiler() -> list[str]:
             attempt = [*command, *FLAGS, "-shared", str(source), "-o", str(source.with_suffix(".so")), *_libraries()]
             if subprocess.run(attempt, capture_output=True, check=False).returncode == 0:
                 return command
-    raise NoCompiler(f"there is no C compiler here that compiles: install gcc or clang, or run pip install {ZIGLANG}")
+    raise NoCompiler(f"no working C compiler: install gcc or clang, or run pip install {ZIGLANG}")
 
 
 def build(package: Path, target: Path, *, debug: bool = False) -> list[Path]:
@@ -111,8 +111,8 @@ def build(package: Path, target: Path, *, debug: bool = False) -> list[Path]:
     command, target = compiler(), target.resolve()
     target.mkdir(parents=True, exist_ok=True)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        made = [pool.submit(_compile, package, target, command, each, debug) for each in instruction_sets()]
-    return [each.result() for each in made]
+        futures = [pool.submit(_compile, package, target, command, isa, debug) for isa in instruction_sets()]
+    return [future.result() for future in futures]
 
 
 def _compile(package: Path, target: Path, command: list[str], instructions: str, debug: bool) -> Path:
@@ -152,8 +152,8 @@ def _version(command: list[str]) -> str:
 
 def up_to_date(package: Path) -> bool:
     """Whether every library of a package exists and was built from the present sources."""
-    made, stamp = [library(package, each) for each in instruction_sets()], digest(package).encode()
-    return all(path.exists() and stamp in path.read_bytes() for path in made)
+    paths, stamp = [library(package, isa) for isa in instruction_sets()], digest(package).encode()
+    return all(path.exists() and stamp in path.read_bytes() for path in paths)
 
 
 def main() -> None:
@@ -165,10 +165,10 @@ def main() -> None:
     for package in PACKAGES:
         if chosen.debug or chosen.fresh or not up_to_date(package):
             try:
-                made = build(package, package / "core", debug=chosen.debug)
+                paths = build(package, package / "core", debug=chosen.debug)
             except NoCompiler as error:
                 sys.exit(str(error))
-            print(f"built {', '.join(str(path.relative_to(ROOT)) for path in made)}")
+            print(f"built {', '.join(str(path.relative_to(ROOT)) for path in paths)}")
 
 
 if __name__ == "__main__":

@@ -218,7 +218,7 @@ int64_t projected_steps(ProjectedGradient *s, int64_t steps, real tolerance)
         }
         go_to_next(s);
     }
-    s->head->taken = k;
+    s->head->steps = k;
     s->head->met = done;
     return k;
 }

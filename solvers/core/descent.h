@@ -17,7 +17,7 @@ typedef struct {
     int32_t kind, d;
     int64_t bytes;
     double eta;
-    int64_t taken; /* steps of the last run */
+    int64_t steps; /* of the last run */
     int32_t met;   /* whether it ended by its tolerance */
 } ProjectedGradientHead;
 
@@ -41,7 +41,8 @@ CORE_API int descent_setup(void *memory, int d, const real *lb, const real *ub);
 CORE_API int descent_set_data(ProjectedGradient *s, const real *P, const real *q, real ratio, int scaled);
 /* Begin at the projection of x (d), or of 0 for NULL. */
 CORE_API void descent_start(ProjectedGradient *s, const real *x);
-/* Take up to `steps` steps; their number. See descent.c and acceleration.c for the tests that end them early. */
+/* Take up to `steps` steps; returns their number. See descent.c and acceleration.c for the tests that end them early.
+ */
 CORE_API int64_t projected_steps(ProjectedGradient *s, int64_t steps, real tolerance);
 CORE_API int64_t accelerated_steps(ProjectedGradient *s, int64_t steps, real tolerance);
 /* Write x (d) for w to s->answer, exactly at a bound if w is. */

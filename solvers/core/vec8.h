@@ -51,163 +51,164 @@ typedef int64_t whole;
 
 enum { LANES = 8 };
 
-/* A part is one register. PARTS is a macro, since the preprocessor tests it. */
+/* `reg` is one register. REGISTERS is a macro, since the preprocessor tests it. */
 #if !defined(__GNUC__) || defined(CORE_PLAIN)
-#define PARTS 8
-typedef real part;
-typedef whole part_bits;
+#define REGISTERS 8
+typedef real reg;
+typedef whole reg_bits;
 #else
 #if defined(__AVX512F__) && !defined(CORE_FLOAT)
-#define PART_BYTES 64
-#define PARTS 1
+#define REGISTER_BYTES 64
+#define REGISTERS 1
 #elif defined(__AVX__)
-#define PART_BYTES 32
+#define REGISTER_BYTES 32
 #ifdef CORE_FLOAT
-#define PARTS 1
+#define REGISTERS 1
 #else
-#define PARTS 2
+#define REGISTERS 2
 #endif
 #else
-#define PART_BYTES 16
+#define REGISTER_BYTES 16
 #ifdef CORE_FLOAT
-#define PARTS 2
+#define REGISTERS 2
 #else
-#define PARTS 4
+#define REGISTERS 4
 #endif
 #endif
-typedef real part __attribute__((vector_size(PART_BYTES)));
-typedef whole part_bits __attribute__((vector_size(PART_BYTES)));
+typedef real reg __attribute__((vector_size(REGISTER_BYTES)));
+typedef whole reg_bits __attribute__((vector_size(REGISTER_BYTES)));
 #if defined(__SSE2__)
 #include <immintrin.h>
 #endif
 #endif
-enum { PART_LANES = LANES / PARTS };
+enum { REGISTER_LANES = LANES / REGISTERS };
 
-/* Members by name and not an array, so that compilers keep them in registers. ALL(f) is f of each part and its number.
+/* Members by name and not an array, so that compilers keep them in registers. ALL(f) is f of each register and its
+ * number.
  */
-#if PARTS == 1
+#if REGISTERS == 1
 typedef struct {
-    part p0;
+    reg p0;
 } vec8;
 #define ALL(f) {f(p0, 0)}
 #define SPLAT(s) {s, s, s, s, s, s, s, s}
 #define COUNT(i) {i, (i) + 1, (i) + 2, (i) + 3, (i) + 4, (i) + 5, (i) + 6, (i) + 7}
-#elif PARTS == 2
+#elif REGISTERS == 2
 typedef struct {
-    part p0, p1;
+    reg p0, p1;
 } vec8;
 #define ALL(f) {f(p0, 0), f(p1, 1)}
 #define SPLAT(s) {s, s, s, s}
 #define COUNT(i) {i, (i) + 1, (i) + 2, (i) + 3}
-#elif PARTS == 4
+#elif REGISTERS == 4
 typedef struct {
-    part p0, p1, p2, p3;
+    reg p0, p1, p2, p3;
 } vec8;
 #define ALL(f) {f(p0, 0), f(p1, 1), f(p2, 2), f(p3, 3)}
 #define SPLAT(s) {s, s}
 #define COUNT(i) {i, (i) + 1}
 #else
 typedef struct {
-    part p0, p1, p2, p3, p4, p5, p6, p7;
+    reg p0, p1, p2, p3, p4, p5, p6, p7;
 } vec8;
 #define ALL(f) {f(p0, 0), f(p1, 1), f(p2, 2), f(p3, 3), f(p4, 4), f(p5, 5), f(p6, 6), f(p7, 7)}
 #define SPLAT(s) s
 #define COUNT(i) i
 #endif
 
-CORE_INLINE part load_part(const real *p)
+CORE_INLINE reg load_reg(const real *p)
 {
-    part r;
+    reg r;
     memcpy(&r, p, sizeof r);
     return r;
 }
-CORE_INLINE void store_part(real *p, part a) { memcpy(p, &a, sizeof a); }
-CORE_INLINE part splat_part(real s) { return (part)SPLAT(s); }
-CORE_INLINE part_bits splat_bits(whole s) { return (part_bits)SPLAT(s); }
-CORE_INLINE part_bits numbers_from(whole i) { return (part_bits)COUNT(i); }
-CORE_INLINE part_bits bits_of(part a)
+CORE_INLINE void store_reg(real *p, reg a) { memcpy(p, &a, sizeof a); }
+CORE_INLINE reg splat_reg(real s) { return (reg)SPLAT(s); }
+CORE_INLINE reg_bits splat_bits(whole s) { return (reg_bits)SPLAT(s); }
+CORE_INLINE reg_bits numbers_from(whole i) { return (reg_bits)COUNT(i); }
+CORE_INLINE reg_bits bits_of(reg a)
 {
-    part_bits r;
+    reg_bits r;
     memcpy(&r, &a, sizeof r);
     return r;
 }
-CORE_INLINE part part_of(part_bits a)
+CORE_INLINE reg reg_of(reg_bits a)
 {
-    part r;
+    reg r;
     memcpy(&r, &a, sizeof r);
     return r;
 }
 
-#if PARTS == 8
+#if REGISTERS == 8
 #define CHOOSE(condition, a, b) ((condition) ? (a) : (b))
 #else
-#define CHOOSE(condition, a, b) part_of((bits_of(a) & (condition)) | (bits_of(b) & ~(condition)))
+#define CHOOSE(condition, a, b) reg_of((bits_of(a) & (condition)) | (bits_of(b) & ~(condition)))
 #endif
 
-CORE_INLINE part maximum_part(part a, part b)
+CORE_INLINE reg maximum_reg(reg a, reg b)
 {
-#if PARTS == 1 && !defined(CORE_FLOAT)
-    return (part)_mm512_max_pd((__m512d)a, (__m512d)b);
-#elif PARTS == 2 && defined(__AVX__) && !defined(CORE_FLOAT)
-    return (part)_mm256_max_pd((__m256d)a, (__m256d)b);
-#elif PARTS == 4 && defined(__SSE2__)
-    return (part)_mm_max_pd((__m128d)a, (__m128d)b);
+#if REGISTERS == 1 && !defined(CORE_FLOAT)
+    return (reg)_mm512_max_pd((__m512d)a, (__m512d)b);
+#elif REGISTERS == 2 && defined(__AVX__) && !defined(CORE_FLOAT)
+    return (reg)_mm256_max_pd((__m256d)a, (__m256d)b);
+#elif REGISTERS == 4 && defined(__SSE2__)
+    return (reg)_mm_max_pd((__m128d)a, (__m128d)b);
 #else
     return CHOOSE(a > b, a, b);
 #endif
 }
 
-CORE_INLINE part minimum_part(part a, part b)
+CORE_INLINE reg minimum_reg(reg a, reg b)
 {
-#if PARTS == 1 && !defined(CORE_FLOAT)
-    return (part)_mm512_min_pd((__m512d)a, (__m512d)b);
-#elif PARTS == 2 && defined(__AVX__) && !defined(CORE_FLOAT)
-    return (part)_mm256_min_pd((__m256d)a, (__m256d)b);
-#elif PARTS == 4 && defined(__SSE2__)
-    return (part)_mm_min_pd((__m128d)a, (__m128d)b);
+#if REGISTERS == 1 && !defined(CORE_FLOAT)
+    return (reg)_mm512_min_pd((__m512d)a, (__m512d)b);
+#elif REGISTERS == 2 && defined(__AVX__) && !defined(CORE_FLOAT)
+    return (reg)_mm256_min_pd((__m256d)a, (__m256d)b);
+#elif REGISTERS == 4 && defined(__SSE2__)
+    return (reg)_mm_min_pd((__m128d)a, (__m128d)b);
 #else
     return CHOOSE(a < b, a, b);
 #endif
 }
 
 /* 2^-floor(e / 2) for v = m 2^e with m in [1/2, 1); undefined unless v is a positive normal number. */
-CORE_INLINE part root_scale_part(part v)
+CORE_INLINE reg root_scale_reg(reg v)
 {
-    const part_bits exponent = (bits_of(v) >> MANTISSA_BITS) - splat_bits(EXPONENT_BIAS - 1);
-    return part_of((splat_bits(EXPONENT_BIAS) - (exponent >> 1)) << MANTISSA_BITS);
+    const reg_bits exponent = (bits_of(v) >> MANTISSA_BITS) - splat_bits(EXPONENT_BIAS - 1);
+    return reg_of((splat_bits(EXPONENT_BIAS) - (exponent >> 1)) << MANTISSA_BITS);
 }
 
-CORE_INLINE part magnitude_part(part a)
+CORE_INLINE reg magnitude_reg(reg a)
 {
-#if PARTS == 8
+#if REGISTERS == 8
     return MAGNITUDE(a);
 #else
-    return part_of(bits_of(a) & ~bits_of(splat_part((real)-0.0)));
+    return reg_of(bits_of(a) & ~bits_of(splat_reg((real)-0.0)));
 #endif
 }
 
-#define ONE_OF(p, i) load_part(source + (i) * PART_LANES)
+#define ONE_OF(p, i) load_reg(source + (i) * REGISTER_LANES)
 CORE_INLINE vec8 load(const real *source) { return (vec8)ALL(ONE_OF); }
 #undef ONE_OF
 #define ONE_OF(p, i) every
 CORE_INLINE vec8 splat(real s)
 {
-    const part every = splat_part(s);
+    const reg every = splat_reg(s);
     return (vec8)ALL(ONE_OF);
 }
 #undef ONE_OF
 /* Lane k is source[min(k, last) stride]: a diagonal or a column, without a detour over memory. */
 #define AT(k) source[(size_t)((k) < last ? (k) : last) * stride]
-#if PARTS == 1
+#if REGISTERS == 1
 #define FROM(i) {AT(i), AT(i + 1), AT(i + 2), AT(i + 3), AT(i + 4), AT(i + 5), AT(i + 6), AT(i + 7)}
-#elif PARTS == 2
+#elif REGISTERS == 2
 #define FROM(i) {AT(i), AT(i + 1), AT(i + 2), AT(i + 3)}
-#elif PARTS == 4
+#elif REGISTERS == 4
 #define FROM(i) {AT(i), AT(i + 1)}
 #else
 #define FROM(i) AT(i)
 #endif
-#define ONE_OF(p, i) (part) FROM((i) * PART_LANES)
+#define ONE_OF(p, i) (reg) FROM((i) * REGISTER_LANES)
 CORE_INLINE vec8 load_strided(const real *source, size_t stride, int last) { return (vec8)ALL(ONE_OF); }
 #undef ONE_OF
 #undef FROM
@@ -224,33 +225,33 @@ CORE_INLINE vec8 mul(vec8 a, vec8 b) { return (vec8)ALL(ONE_OF); }
 #define ONE_OF(p, i) a.p / b.p
 CORE_INLINE vec8 divide(vec8 a, vec8 b) { return (vec8)ALL(ONE_OF); }
 #undef ONE_OF
-#define ONE_OF(p, i) maximum_part(a.p, b.p)
+#define ONE_OF(p, i) maximum_reg(a.p, b.p)
 CORE_INLINE vec8 maximum(vec8 a, vec8 b) { return (vec8)ALL(ONE_OF); }
 #undef ONE_OF
-#define ONE_OF(p, i) minimum_part(a.p, b.p)
+#define ONE_OF(p, i) minimum_reg(a.p, b.p)
 CORE_INLINE vec8 minimum(vec8 a, vec8 b) { return (vec8)ALL(ONE_OF); }
 #undef ONE_OF
 #define ONE_OF(p, i) CHOOSE(a.p < b.p, x.p, y.p)
 /* Lane by lane x if a < b, else y; y if either is NaN. */
 CORE_INLINE vec8 where_less(vec8 a, vec8 b, vec8 x, vec8 y) { return (vec8)ALL(ONE_OF); }
 #undef ONE_OF
-#define ONE_OF(p, i) root_scale_part(a.p)
+#define ONE_OF(p, i) root_scale_reg(a.p)
 CORE_INLINE vec8 root_scale(vec8 a) { return (vec8)ALL(ONE_OF); }
 #undef ONE_OF
 /* a with `number` in lane `place`; a if there is no such lane. */
-#define ONE_OF(p, i) CHOOSE(numbers_from((i) * PART_LANES) == at, number_everywhere, a.p)
+#define ONE_OF(p, i) CHOOSE(numbers_from((i) * REGISTER_LANES) == at, number_everywhere, a.p)
 CORE_INLINE vec8 with_lane(vec8 a, int place, real number)
 {
-    const part_bits at = splat_bits(place);
-    const part number_everywhere = splat_part(number);
+    const reg_bits at = splat_bits(place);
+    const reg number_everywhere = splat_reg(number);
     return (vec8)ALL(ONE_OF);
 }
 #undef ONE_OF
 
-#define ONE_OF(p, i) (store_part(target + (i) * PART_LANES, a.p), 0)
+#define ONE_OF(p, i) (store_reg(target + (i) * REGISTER_LANES, a.p), 0)
 CORE_INLINE void store(real *target, vec8 a)
 {
-    const int done[PARTS] = ALL(ONE_OF);
+    const int done[REGISTERS] = ALL(ONE_OF);
     (void)done;
 }
 #undef ONE_OF
@@ -258,12 +259,12 @@ CORE_INLINE void store(real *target, vec8 a)
 /* The first `count` (1 to 8) numbers, and zeros in the other lanes; memory beyond `count` is not read. */
 CORE_INLINE vec8 load_first(const real *source, int count)
 {
-#if PARTS == 1 && defined(__AVX512F__) && !defined(CORE_FLOAT)
-    return (vec8){(part)_mm512_maskz_loadu_pd((__mmask8)((1U << count) - 1U), source)};
-#elif PARTS == 2 && defined(__AVX2__) && !defined(CORE_FLOAT)
-    const part_bits end = splat_bits(count);
-    return (vec8){(part)_mm256_maskload_pd(source, (__m256i)(numbers_from(0) < end)),
-                  (part)_mm256_maskload_pd(source + 4, (__m256i)(numbers_from(4) < end))};
+#if REGISTERS == 1 && defined(__AVX512F__) && !defined(CORE_FLOAT)
+    return (vec8){(reg)_mm512_maskz_loadu_pd((__mmask8)((1U << count) - 1U), source)};
+#elif REGISTERS == 2 && defined(__AVX2__) && !defined(CORE_FLOAT)
+    const reg_bits end = splat_bits(count);
+    return (vec8){(reg)_mm256_maskload_pd(source, (__m256i)(numbers_from(0) < end)),
+                  (reg)_mm256_maskload_pd(source + 4, (__m256i)(numbers_from(4) < end))};
 #else
     real l[LANES] = {0};
     for (int i = 0; i < count; ++i) {
@@ -277,28 +278,28 @@ CORE_INLINE vec8 zeros(void) { return splat((real)0); }
 /* c + a b and c - a b, the product rounded first. */
 CORE_INLINE vec8 plus_product(vec8 c, vec8 a, vec8 b) { return add(c, mul(a, b)); }
 CORE_INLINE vec8 sub_mul(vec8 c, vec8 a, vec8 b) { return sub(c, mul(a, b)); }
-#define ONE_OF(p, i) magnitude_part(a.p)
+#define ONE_OF(p, i) magnitude_reg(a.p)
 CORE_INLINE vec8 magnitude(vec8 a) { return (vec8)ALL(ONE_OF); }
 #undef ONE_OF
 CORE_INLINE vec8 clip(vec8 a, vec8 lower, vec8 upper) { return minimum(maximum(a, lower), upper); }
 
 /* Reduce eight lanes to two by the operation `onto`: even lanes to the first, odd lanes to the second. */
-#if PARTS == 1 && !defined(CORE_FLOAT)
-#define FOLD(onto4, onto2, onto_part)                                                                                  \
+#if REGISTERS == 1 && !defined(CORE_FLOAT)
+#define FOLD(onto4, onto2, onto_reg)                                                                                   \
     const __m256d half = onto4(_mm512_castpd512_pd256((__m512d)a.p0), _mm512_extractf64x4_pd((__m512d)a.p0, 1));       \
     const __m128d two = onto2(_mm256_castpd256_pd128(half), _mm256_extractf128_pd(half, 1));
-#elif PARTS == 2 && defined(__AVX__) && !defined(CORE_FLOAT)
-#define FOLD(onto4, onto2, onto_part)                                                                                  \
+#elif REGISTERS == 2 && defined(__AVX__) && !defined(CORE_FLOAT)
+#define FOLD(onto4, onto2, onto_reg)                                                                                   \
     const __m256d half = onto4((__m256d)a.p0, (__m256d)a.p1);                                                          \
     const __m128d two = onto2(_mm256_castpd256_pd128(half), _mm256_extractf128_pd(half, 1));
-#elif PARTS == 4
-#define FOLD(onto4, onto2, onto_part) const part two = onto_part(onto_part(a.p0, a.p2), onto_part(a.p1, a.p3));
+#elif REGISTERS == 4
+#define FOLD(onto4, onto2, onto_reg) const reg two = onto_reg(onto_reg(a.p0, a.p2), onto_reg(a.p1, a.p3));
 #else
-#define FOLD(onto4, onto2, onto_part)                                                                                  \
+#define FOLD(onto4, onto2, onto_reg)                                                                                   \
     real l[LANES];                                                                                                     \
     store(l, a);                                                                                                       \
-    const real two[2] = {onto_part(onto_part(l[0], l[4]), onto_part(l[2], l[6])),                                      \
-                         onto_part(onto_part(l[1], l[5]), onto_part(l[3], l[7]))};
+    const real two[2] = {onto_reg(onto_reg(l[0], l[4]), onto_reg(l[2], l[6])),                                         \
+                         onto_reg(onto_reg(l[1], l[5]), onto_reg(l[3], l[7]))};
 #endif
 
 #define PLUS(a, b) ((a) + (b))
@@ -309,8 +310,8 @@ CORE_INLINE real sum8(vec8 a)
 }
 #undef PLUS
 
-#if PARTS == 4
-#define LARGER(a, b) maximum_part(a, b)
+#if REGISTERS == 4
+#define LARGER(a, b) maximum_reg(a, b)
 #else
 #define LARGER(a, b) ((a) > (b) ? (a) : (b))
 #endif
@@ -346,7 +347,7 @@ CORE_INLINE int are_finite(const real *x, int64_t count)
 /* The first lane that equals `number`, or 8. */
 CORE_INLINE int first_equal8(vec8 a, real number)
 {
-#if PARTS == 1 && defined(__AVX512F__) && !defined(CORE_FLOAT)
+#if REGISTERS == 1 && defined(__AVX512F__) && !defined(CORE_FLOAT)
     return __builtin_ctz(0x100U | _mm512_cmp_pd_mask((__m512d)a.p0, _mm512_set1_pd(number), _CMP_EQ_OQ));
 #else
     real l[LANES];

@@ -33,7 +33,7 @@ class CasadiQpoases(LibrarySolver):
             self._buffer: Any
             self._buffer, self._call = self._function.buffer()
         # The buffer keeps addresses without references, and reads matrices by columns.
-        self._held = {
+        self._arrays = {
             "h": p.P.reshape(-1),
             "g": p.q,
             "a": R.ravel(order="F"),
@@ -42,7 +42,7 @@ class CasadiQpoases(LibrarySolver):
             "lbx": p.lb,
             "ubx": p.ub,
         }
-        for key, array in self._held.items():
+        for key, array in self._arrays.items():
             if array.size:
                 self._buffer.set_arg(self._function.index_in(key), array.data)
         for key, array in {"x": self._x, "lam_x": self._w[p.bounds], "lam_a": self._w[p.general]}.items():

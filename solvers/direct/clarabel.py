@@ -20,7 +20,7 @@ from solvers.adapter import Cones, LibrarySolver, Matrix, Program, Report, Vecto
 class Clarabel(LibrarySolver):
     """The library's ``DefaultSolver``."""
 
-    reads_given_arrays = True
+    copies_data = True
     form = Cones
 
     def build(self, p: Program, rows: Cones) -> None:

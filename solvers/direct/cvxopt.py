@@ -18,13 +18,13 @@ from solvers.adapter import Cones, LibrarySolver, Matrix, Program, Report, Vecto
 class Cvxopt(LibrarySolver):
     """The library's ``solvers.qp``."""
 
-    reads_given_arrays = True
+    copies_data = True
     form = Cones
 
     def build(self, p: Program, rows: Cones) -> None:
         n = rows.equal
-        blocks = {"P": p.P, "q": p.q, "G": rows.R[n:], "h": rows.r[n:], "A": rows.R[:n], "b": rows.r[:n]}
-        self._data = {key: cvxopt.matrix(block) for key, block in blocks.items() if block.size}
+        arrays = {"P": p.P, "q": p.q, "G": rows.R[n:], "h": rows.r[n:], "A": rows.R[:n], "b": rows.r[:n]}
+        self._data = {key: cvxopt.matrix(array) for key, array in arrays.items() if array.size}
 
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
         self._data |= {"P": cvxopt.matrix(self.program.P), "q": cvxopt.matrix(self.program.q)}

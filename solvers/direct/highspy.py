@@ -25,7 +25,7 @@ INF = np.full(1, np.inf)
 class Highspy(LibrarySolver):
     """The library's ``Highs``."""
 
-    reads_given_arrays = True
+    copies_data = True
 
     def build(self, p: Program, rows: Stack) -> None:
         self._triangle = Triangle(p.d, upper=False)

@@ -31,7 +31,7 @@ WITH_ANSWER = (
 class Osqp(LibrarySolver):
     """The library's ``OSQP``."""
 
-    reads_given_arrays = True
+    copies_data = True
     form = Intervals
     warm_startable = True
 

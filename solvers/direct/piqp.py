@@ -18,7 +18,7 @@ from solvers.adapter import LibrarySolver, Matrix, Program, Report, Stack, Vecto
 class Piqp(LibrarySolver):
     """The library's ``DenseSolver``."""
 
-    reads_given_arrays = True
+    copies_data = True
 
     def build(self, p: Program, rows: Stack) -> None:
         self._solver = piqp.DenseSolver()

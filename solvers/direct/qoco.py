@@ -23,7 +23,7 @@ from solvers.adapter import Cones, LibrarySolver, Matrix, Program, Report, Vecto
 class Qoco(LibrarySolver):
     """The library's ``QOCO``."""
 
-    reads_given_arrays = True
+    copies_data = True
     form = Cones
 
     def build(self, p: Program, rows: Cones) -> None:

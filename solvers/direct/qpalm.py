@@ -18,7 +18,7 @@ from solvers.adapter import Intervals, LibrarySolver, Matrix, Program, Report, V
 class Qpalm(LibrarySolver):
     """The library's ``Solver``."""
 
-    reads_given_arrays = True
+    copies_data = True
     form = Intervals
     warm_startable = True
 

@@ -31,14 +31,14 @@ from solvers.exact.program import (
 )
 
 
-def optimum(program: ExactProgram, wanted: Iterable[int], work: Work | None = None) -> tuple[list[int], Point]:
+def optimum(program: ExactProgram, guess: Iterable[int], work: Work | None = None) -> tuple[list[int], Point]:
     """The working set and the point of an optimum, from guessed active constraints, the most certain first.
 
     Parameters
     ----------
     program : ExactProgram
         Its P is positive semidefinite; the caller proves it.
-    wanted : iterable of int
+    guess : iterable of int
         Positions of constraints; may depend on each other.
     work : Work, optional
         Limit of the work on linear systems, WORK by default: criss-cross terminates, but can take long.
@@ -51,7 +51,7 @@ def optimum(program: ExactProgram, wanted: Iterable[int], work: Work | None = No
         The limit of the work is exceeded.
     """
     budget = work or Work(WORK)
-    W, point = block_exchange(program, program.working_set(wanted), budget)
+    W, point = block_exchange(program, program.working_set(guess), budget)
     if point.wrong and program.regular:
         W, point = dual_active_set(program, W, budget)
     elif point.wrong:
@@ -72,7 +72,7 @@ def block_exchange(program: ExactProgram, W: list[int], budget: Work) -> tuple[l
     while True:
         budget.spend(program.pivot_work(W))
         point = stationary_point(program, W)
-        budget.found = f"P is convex, and the best active set so far breaks {min(fewest, len(point.wrong))} conditions"
+        budget.known = f"P is convex, and the best active set so far breaks {min(fewest, len(point.wrong))} conditions"
         fewest, patience = (len(point.wrong), 3) if len(point.wrong) < fewest else (fewest, patience - 1)
         if not point.wrong or patience == 0:
             return W, point
@@ -166,13 +166,13 @@ def _drop(program: ExactProgram, k: int, W: Sequence[int], point: Point) -> list
     # p leaves constraint k, down the cost, along all others of W; its curvature pᵀP p is |uₖ|.
     inwards = fmpq(-1) if point.multipliers[k] < 0 else fmpq(1)
     p, u = program.kkt_solve(W, fmpq_mat(program.d, 1), [inwards if r == k else fmpq(0) for r in W])
-    kept = [r for r in W if r != k]
+    remaining = [r for r in W if r != k]
     if u[k] != 0:
-        return kept
+        return remaining
     along_p = program.along(p)
     for r in point.slacks:
         if program.constraint(r).broken_by(-along_p[r]):
-            return [*kept, r]
+            return [*remaining, r]
     raise Unbounded(
         "the cost falls without bound along a direction that no constraint stops, away from the "
         f"{program.constraint(k)}"

@@ -44,15 +44,15 @@ class Work:
     of the machine."""
 
     def __init__(self, limit: float) -> None:
-        self._limit = self._left = limit
-        self.found = "convexity is undecided"
+        self._limit = self._remaining = limit
+        self.known = "convexity is undecided"
         """What is known so far, for the message of :class:`OutOfWork`."""
 
     def spend(self, amount: float) -> None:
         """Subtract an amount; OutOfWork if it exceeds the remainder."""
-        self._left -= amount
-        if self._left < 0.0:
-            raise OutOfWork(f"no proof within {self._limit:.0e} bit operations of exact arithmetic; {self.found}")
+        self._remaining -= amount
+        if self._remaining < 0.0:
+            raise OutOfWork(f"no proof within {self._limit:.0e} bit operations of exact arithmetic; {self.known}")
 
 
 def integers(values: NDArray[np.float64]) -> tuple[list[Any], int]:

@@ -90,19 +90,19 @@ class DoubleProblem:
 
     def constraints(self) -> tuple[Constraint, ...]:
         """Every finite constraint: equalities, rows of G, lower bounds, upper bounds."""
-        found = []
+        constraints = []
         for kind, M, right in ((Kind.EQUALITY, self.A, self.b), (Kind.ROW, self.G, self.h)):
             present = np.flatnonzero(np.isfinite(right)).tolist()
             flat, width = integers(np.column_stack([M[present], right[present]]))[0], M.shape[1] + 1
             for i, start in zip(present, range(0, len(flat), width), strict=True):
                 *a, b = flat[start : start + width]
-                found.append(Constraint(kind, i, fmpq(b), tuple(a)))
+                constraints.append(Constraint(kind, i, fmpq(b), tuple(a)))
         for kind, bound, sign in ((Kind.LOWER, self.lb, -1), (Kind.UPPER, self.ub, 1)):
-            found += [
+            constraints += [
                 Constraint(kind, i, sign * fmpq(*bound[i].as_integer_ratio()))
                 for i in np.flatnonzero(np.isfinite(bound)).tolist()
             ]
-        return tuple(found)
+        return tuple(constraints)
 
     def _is_plainly_definite(self) -> bool:
         """Whether a Cholesky factorisation in doubles proves P ≻ 0; if it does not, P may still be positive definite.
@@ -175,8 +175,8 @@ class DoubleProblem:
             step = np.where(r == 0, 0.0, r / np.maximum(np.diag(self.P), 0.0))
             lower = np.flatnonzero((x - step <= self.lb) & np.isfinite(self.lb))
             upper = np.flatnonzero((x - step >= self.ub) & np.isfinite(self.ub))
-        found = ((Kind.LOWER, lower), (Kind.UPPER, upper), (Kind.ROW, near[np.argsort(slack[near], kind="stable")]))
-        return [(kind, i) for kind, which in found for i in which.tolist()]
+        active = ((Kind.LOWER, lower), (Kind.UPPER, upper), (Kind.ROW, near[np.argsort(slack[near], kind="stable")]))
+        return [(kind, i) for kind, which in active for i in which.tolist()]
 
 
 @lru_cache(maxsize=128)

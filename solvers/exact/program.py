@@ -165,20 +165,20 @@ class ExactProgram:
         """Positions of the constraints that x violates."""
         return [k for k, ax in enumerate(self.along(x)) if self.constraints[k].broken_by(self.constraints[k].b - ax)]
 
-    def working_set(self, wanted: Iterable[int]) -> list[int]:
-        """The wanted constraints, reduced and completed so that their optimality system is regular.
+    def working_set(self, candidates: Iterable[int]) -> list[int]:
+        """Some candidates, reduced and completed so that their optimality system is regular.
 
-        Equalities come first, then the wanted ones in order; a constraint that depends on those before it is left out.
+        Equalities come first, then the candidates in order; a constraint that depends on those before it is left out.
         If P is singular on the remaining subspace, other constraints and finally pins are added until it is not.
         """
         equalities = [k for k, c in enumerate(self.constraints) if c.kind is Kind.EQUALITY]
-        first = list(dict.fromkeys([*equalities, *wanted]))
+        first = list(dict.fromkeys([*equalities, *candidates]))
         first = [first[i] for i in first_independent([self.constraint(k).row(self.d) for k in first])]
         if self.regular:
             return first
         order = list(dict.fromkeys([*first, *range(len(self.constraints) + self.d)]))
-        kept = first_independent(self.P + [self.constraint(k).row(self.d) for k in order])
-        return first + [order[i - self.d] for i in kept if i >= self.d + len(first)]
+        independent = first_independent(self.P + [self.constraint(k).row(self.d) for k in order])
+        return first + [order[i - self.d] for i in independent if i >= self.d + len(first)]
 
     def kkt_solve(
         self, W: Sequence[int], f: RationalColumn, g: Sequence[Rational]
@@ -198,12 +198,12 @@ class ExactProgram:
         p = fmpq_mat(d, 1)
         for k, c in bounds.items():
             p[c.index, 0] = c.sign * right[k]
-        f_left = f - self.hessian * p
+        residual = f - self.hessian * p
         u = dict.fromkeys(W, fmpq(0))
         if free or rows:
             K = [[self.P[i][j] for j in free] + [a[i] for a in rows.values()] for i in free]
             K += [[a[j] for j in free] + [fmpz(0)] * len(rows) for a in rows.values()]
-            rhs = [f_left[i, 0] for i in free]
+            rhs = [residual[i, 0] for i in free]
             if rows:
                 along_p = self.along(p)
                 rhs += [right[k] - along_p[k] for k in rows]

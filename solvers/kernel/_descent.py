@@ -53,4 +53,4 @@ class ProjectedGradient(BuiltInSolver):
 
     def extras(self) -> dict[str, Any]:
         """The number of steps and the step size."""
-        return {"steps": int(self.field["taken"].view(np.int64)[0]), "eta": float(self.field["eta"][0])}
+        return {"steps": int(self.field["steps"].view(np.int64)[0]), "eta": float(self.field["eta"][0])}

@@ -42,7 +42,7 @@ def open_library(distribution: str, version: str, library: Path, names: tuple[st
     """
     if (installed := importlib.metadata.version(distribution)) != version:
         raise ImportError(
-            f"the C interface of {distribution} is known of version {version}, and {installed} is installed"
+            f"the C interface of {distribution} is supported in version {version}, but {installed} is installed"
         )
     try:
         opened_library = ctypes.CDLL(str(library))
@@ -76,12 +76,12 @@ class CompiledLibrary(LibrarySolver):
     """A solver behind the two C functions of a timed loop; its ``build`` sets it up and calls ``pack_state``."""
 
     lane = Lane.KERNEL
-    reads_given_arrays = False  # a library may keep pointers to P and q
+    copies_data = False  # a library may keep pointers to P and q
 
     def pack_state(self, *values: Any) -> None:
         """Make the state: the data, then the fields that <name>.c declares (numbers, arrays, functions, pointers)."""
         p, self._loop = self.program, Loop.in_dll(CORE, f"library_{self.name}")
-        self._held = values  # the state has their addresses
+        self._referenced = values  # the state has their addresses
         self.state: NDArray[np.int64] = np.array([*_data_addresses(p), p.d, *map(_as_integer, values)], dtype=np.int64)
         self._addresses = np.array(list(map(_as_integer, (self.state, self._loop.update, self._loop.solve))))
 

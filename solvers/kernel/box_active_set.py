@@ -106,7 +106,7 @@ class BoxActiveSet(BuiltInSolver):
 
     def solution(self) -> Solution:
         """With P from its scaled copy, which is exact."""
-        self._require(self._missing)
+        self._check_ready(self._missing)
         p, d = self.program, self.program.d
         P, scale = self.field["P"].reshape(d, padded(d))[:, :d] / self.field["cost"], self.field["scale"]
         unit = np.divide(1.0, scale, out=np.zeros(d), where=scale > 0)  # 0 for a zero row

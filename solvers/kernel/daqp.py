@@ -62,7 +62,7 @@ class Daqp(CompiledLibrary, direct.Daqp):
         DAQP.daqp_default_settings(ctypes.byref(settings))
         self.apply_settings(settings)
         data = (p.P, p.q, A, p.u, p.l, cold)
-        qp = QP(p.d, p.u.size, p.d, *(address(part) if part.size else None for part in data))
+        qp = QP(p.d, p.u.size, p.d, *(address(array) if array.size else None for array in data))
         work = Workspace(settings=ctypes.addressof(settings))
         self.refuse(DAQP.setup_daqp_main(ctypes.byref(qp), ctypes.byref(work), None, 0))
         self._answer, self._lam = np.zeros(p.d), np.zeros(p.u.size)
@@ -88,8 +88,8 @@ class Daqp(CompiledLibrary, direct.Daqp):
         return Report(r.exitflag > 0, self._lam, f"exit flag {r.exitflag}", r.iter, 1e6 * r.solve_time)
 
 
-def _release(work: Any, *held: object) -> None:
-    """Free the library's memory; the settings are ours, and ``held`` keeps the arrays of its pointers until now."""
+def _release(work: Any, *arrays: object) -> None:
+    """Free the library's memory; the settings are ours, and ``arrays`` kept those behind its pointers alive."""
     work.settings = None
     DAQP.free_daqp_workspace(ctypes.byref(work))
     DAQP.free_daqp_ldp(ctypes.byref(work))

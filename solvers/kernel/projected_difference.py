@@ -76,6 +76,6 @@ class ProjectedDifference(ProjectedGradient):
         ratio = self.options["step_ratio"]
         if not 0 < ratio < (np.inf if self.options["allow_divergence"] else 1):
             raise ValueError(
-                f"{self.name}: step_ratio must lie between 0 and 1 (the stability limit), and it is "
+                f"{self.name}: step_ratio must lie between 0 and 1 (the stability limit), not "
                 f"{ratio}; allow_divergence=True permits more"
             )

@@ -204,7 +204,7 @@ def with_column(name: str, value: object) -> Callable[[Path], object]:
 @pytest.mark.parametrize(
     ("file", "spoil", "message"),
     [
-        ("run.json", lambda path: path.write_text("{"), "is not a whole JSON file"),
+        ("run.json", lambda path: path.write_text("{"), "is not a complete JSON file"),
         ("run.json", lambda path: path.write_text("[]"), "expected `object`, got `array`"),
         ("run.json", with_field(("race",), '"batch"'), "there is no field 'race'"),
         ("run.json", with_field(("settings",), '"x"'), "the field 'settings' is wrong: expected `object`, got `str`"),
@@ -217,13 +217,13 @@ def with_column(name: str, value: object) -> Callable[[Path], object]:
         ("rows.parquet", with_rows(lambda table: table.drop_columns("status")), "has no column 'status'"),
         ("rows.parquet", with_rows(lambda table: table.slice(0, 0)), "has no rows"),
         ("rows.parquet", with_rows(lambda table: pa.concat_tables([table, table])), "occurs twice"),
-        ("rows.parquet", with_column("solver", 1), "column 'solver' holds int64"),
+        ("rows.parquet", with_column("solver", 1), "column 'solver' has type int64"),
         ("rows.parquet", with_column("settings", "{"), "column 'settings' holds text that is not settings in JSON"),
         *(
-            ("rows.parquet", with_column(name, "../../evil"), f"column {name!r} holds '../../evil' in row 1 and not")
+            ("rows.parquet", with_column(name, "../../evil"), f"column {name!r} holds '../../evil' in row 1, not")
             for name in ("solver", "problem_set", "problem")
         ),
-        ("rows.parquet", with_column("lane", "x"), "column 'lane' holds 'x' in row 1 and not one of kernel"),
+        ("rows.parquet", with_column("lane", "x"), "column 'lane' holds 'x' in row 1, not one of kernel"),
     ],
 )
 def test_every_verb_that_reads_a_damaged_run_refuses_it_and_writes_nothing(

@@ -202,7 +202,7 @@ EYE, ONES = np.eye(2), np.ones(2)
         ({"P": -EYE, "q": ONES}, ONES, "p.npz: P is not convex"),
         ({"P": 0.0 * EYE, "q": ONES}, ONES, "p.npz: the cost falls without bound"),
         ({"P": EYE, "q": ONES, "lb": ONES, "ub": 0.0 * ONES}, ONES, "p.npz: the constraints contradict each other"),
-        ({"P": EYE, "q": ONES}, np.zeros(3), "x.npy: is of shape (3,) and not (2,)"),
+        ({"P": EYE, "q": ONES}, np.zeros(3), "x.npy: expected shape (2,), one number for each variable, got (3,)"),
         ({"P": EYE, "q": ONES}, np.array([np.nan, 0.0]), "x.npy: has an element that is not a finite number"),
         ({"P": EYE, "q": ONES}, np.array(["a", "b"]), "x.npy: holds no array of real numbers"),
     ],

@@ -233,7 +233,7 @@ CORES = len(cores.usable())
             ["problems", "--set", "paper", "--work", 1000000000.0],
             ["--work is for the problem set foreign or test_set, and not for paper"],
         ),
-        (["problems", "--from", ".", "--seed", 0], ["--seed: is for making problems"]),
+        (["problems", "--from", ".", "--seed", 0], ["--seed: is for generated problems"]),
         (
             ["identify", "stage.csv", "--out", "other.json", "--workers", 2],
             ["--workers: is for many recordings, with --out-dir"],
@@ -298,7 +298,7 @@ CORES = len(cores.usable())
             for out, message in (
                 ("nowhere/out.csv", "the folder nowhere does not exist"),
                 (".", "is a folder"),
-                ("/dev/null", "is no ordinary file"),
+                ("/dev/null", "is not a regular file"),
                 ("stage.csv/out.csv", "the folder stage.csv does not exist"),
             )
         ),
@@ -333,10 +333,10 @@ CORES = len(cores.usable())
         ((*RACE, "--settings", "clarabel={}"), ["which does not race"]),
         (
             (*RACE, "--settings", 'daqp={"primal_tol": 1e-4}', "--settings", "daqp={}"),
-            ["--settings: daqp: takes one setting, and is given several"],
+            ["--settings: daqp: takes one setting, got several"],
         ),
         ((*RACE, "--backend", "dask"), ["needs the address of a scheduler"]),
-        ((*RACE, "--scheduler", "tcp://here:1"), ["goes with --backend dask"]),
+        ((*RACE, "--scheduler", "tcp://here:1"), ["needs --backend dask"]),
         ((*RACE, "--backend", "cloud"), ["'local', 'dask'"]),
         ((*RACE, "--workers", "0"), ["--workers"]),
         ((*RACE, "--workers", CORES + 1), [f"{CORES + 1} workers need a core each, and this machine has {CORES}"]),
@@ -353,14 +353,14 @@ CORES = len(cores.usable())
         ((*EXCITE, "500", "--range", "9:1"), ["--range: '9:1' is not two numbers in ascending order"]),
         ((*EXCITE, "10", "--range", "0:1"), ["gives 600 samples, and an excitation needs 2000"]),
         ((*EXCITE, "0", "--range", "0:1"), ["must be positive, not 0"]),
-        ((*EXCITE, "1e9", "--range", "0:1"), ["6e+10 samples are more than"]),
+        ((*EXCITE, "1e9", "--range", "0:1"), ["6e+10 samples exceed"]),
         # Many recordings at once.
         (("identify", "a.csv", "b.csv"), ["'--out' for one model of all, or '--out-dir' for one of each"]),
         (("identify", "a.csv", "--out", "m.json", "--out-dir", "models"), ["--out-dir for one of each recording"]),
         (("identify", "a.csv", "--out-dir", "models", "--page", "p.html"), ["--page"]),
         (
             ("identify", "a.csv", "a.mat", "--out-dir", "models"),
-            ["a.mat: what is made of it would have the name of what is made of a.csv"],
+            ["a.mat: its result would have the name of that of a.csv"],
         ),
         (("identify", "s3://bucket/a.csv", "--out-dir", "models"), ["s3://bucket/a.csv: is a URL"]),
         (("identify", "s3://bucket/*.csv", "--out-dir", "models"), ["s3://bucket/*.csv: is a URL"]),
@@ -397,7 +397,7 @@ CORES = len(cores.usable())
             (*LIVE, "--integral-gain", 1001),
             ["--integral-gain must be from 0 to 1/sample_time, 1000 per second, not 1001"],
         ),
-        ((*LIVE, "--sine", "5Hz:1um", "--set-point", 3), ["two references"]),
+        ((*LIVE, "--sine", "5Hz:1um", "--set-point", 3), ["give one reference"]),
         ((*LIVE, "--rate", 1e6), ["--rate': Input should be less than or equal to 10000"]),
         ((*LIVE, "--record", "run.csv"), ["must end in .parquet"]),
         ((*LIVE, "--set-point", 300), ["the set point must be a number from -20 to 20 µm, not 300"]),

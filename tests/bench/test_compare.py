@@ -56,7 +56,7 @@ def less_accurate(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def compared(a: Run, b: Run) -> Comparison:
-    return compare_runs([a, b]).each[0]
+    return compare_runs([a, b]).pairs[0]
 
 
 def test_a_run_with_itself_shows_no_difference(piezobench: CommandLine, wide_race: Race, tmp_path: Path) -> None:
@@ -201,7 +201,7 @@ def test_if_all_solvers_are_slower_and_the_fixed_piece_of_work_is_not_the_compar
     assert call.status == 4, call.stdout
     output = " ".join(call.stdout.split())
     assert "The field as a whole changed by a factor of 2.00" in output
-    assert "and the fixed piece of work timed beside it by 1.00" in output
+    assert "and the reference workload timed beside it by 1.00" in output
 
 
 def test_a_solver_that_raced_alone_is_not_taken_for_the_machine_and_cannot_be_compared(

@@ -211,7 +211,7 @@ def test_deadlines_missed_beyond_the_floor_disqualify_unless_they_are_allowed(tm
     busy = decide(run_of(tmp_path / "busy", nothing(now_and_then), racer("daqp", us=now_and_then)), Rule())
     own = 750 - math.floor(3000 * (1.0 - rate_bound(2250, 3000)))
     assert (busy.chosen.missed, busy.chosen.own_misses) == (750, (0, own))
-    assert f"0 to {own} of them its own, which this run cannot tell more closely" in busy.sentences()[1]
+    assert f"0 to {own} of them its own, which this run cannot narrow down" in busy.sentences()[1]
     run = run_of(
         tmp_path,
         nothing(),
@@ -338,7 +338,7 @@ def test_times_of_another_machine_are_said_to_be_of_it_and_those_of_this_one_are
         if verb == "deploy":
             assert f"µs on the machine of the run ({there})." in output
         warning = (
-            f"The run run was measured on another machine, {there}. This one, {this}, has other times: race on it, too."
+            f"The run run was measured on another machine, {there}. Times on this one, {this}, differ: race here, too."
         )
         assert output.count(warning) == (there != this)
 

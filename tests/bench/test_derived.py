@@ -11,7 +11,7 @@ from measured_rows import ladder, measured, row, table
 from bench.derived.measurements import Measurements, merged
 from bench.derived.ranking import BESIDE, like_with_like, wrapper_share
 from bench.derived.summary import raced, summary
-from bench.derived.tiers import FEWEST, TOLERANCE, choice, error, left_out, margin, right, tier_settings
+from bench.derived.tiers import FEWEST, TOLERANCE, choice, error, leave_one_out, margin, right, tier_settings
 from bench.messages.task import Row, Status, Tier
 
 NAN = float("nan")
@@ -180,7 +180,7 @@ def test_the_share_is_empty_below_three_problems_and_if_a_tier_is_not_reached() 
 def test_a_problem_whose_others_reach_no_setting_counts_as_not_right() -> None:
     errors = np.array([[2.0, 0.5], [0.5, 0.5], [0.5, 2.0]])
     assert choice(errors) is None
-    assert left_out(errors) == 0.0  # without the first s0, without the last s1, and without the middle one none
+    assert leave_one_out(errors) == 0.0  # without the first s0, without the last s1, and without the middle one none
     assert margin(np.array([0.3, 0.05])) == 3.0
 
 

@@ -82,7 +82,7 @@ def test_a_race_that_lost_a_worker_says_how_to_continue_and_keeps_its_run(
     ended = kill_worker(piezobench.start(*words), lambda: len(saved(run)) >= tasks)
     assert (ended.status, ended.stderr.splitlines()[0]) == (
         2,
-        f"piezobench race: {run.path}: a worker was killed, perhaps for want of memory; finished tasks are kept; run "
+        f"piezobench race: {run.path}: a worker was killed, perhaps for lack of memory; finished tasks are kept; run "
         f"'piezobench resume {run.path}' to continue",
     )
     assert piezobench(*words).refusal.endswith("already exists; give another name or resume it")

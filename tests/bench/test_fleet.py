@@ -174,12 +174,12 @@ def test_a_fleet_that_would_replace_one_of_its_recordings_is_refused(
         write_table(tmp_path / name, {"time_s": np.arange(200) * SAMPLE_TIME, "reference_um": np.ones(200)})
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     call = piezobench("compensate", serial[0] / "stage0.json", "a.csv", recording, "--out-dir", ".", folder=tmp_path)
-    assert f"{recording}: would be replaced by a file of that name; name another --out-dir" in call.refusal
+    assert f"{recording}: would be overwritten; name another --out-dir" in call.refusal
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 AGAIN = "finished recordings are kept; run the same command to continue"
-LOST = f"piezobench identify: a worker was killed, perhaps for want of memory; {AGAIN}"
+LOST = f"piezobench identify: a worker was killed, perhaps for lack of memory; {AGAIN}"
 
 
 @TWO_CORES

@@ -366,11 +366,11 @@ def test_rows_are_judged_by_the_distance_to_the_nearest_feasible_point(
 
 
 def test_a_folder_without_programs_and_an_invalid_limit_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(ProblemSetError, match=r"holds no program; one is in a file \.npz, \.mat, \.qps, \.mps"):
+    with pytest.raises(ProblemSetError, match=r"holds no program; programs are read from \.npz, \.mat, \.qps, \.mps"):
         make("foreign", options={"folder": str(tmp_path)})
     write_mat(tmp_path / "drawn.mat", draw(0))
     for work in ("soon", "nan", "0.5"):
-        with pytest.raises(ProblemSetError, match=f"work is '{work}' and not a number of bit operations"):
+        with pytest.raises(ProblemSetError, match=f"work must be a number of bit operations, not '{work}'"):
             make("foreign", options={"folder": str(tmp_path), "work": work})
 
 
@@ -388,8 +388,7 @@ def test_every_file_of_a_folder_is_read_or_named(piezobench: CommandLine, tmp_pa
     assert set(found.left_out) == {"model.lp", "archive.tar.gz", "P.npy"}
     call = piezobench.run("problems", "--set", "foreign", "--folder", tmp_path)
     assert (
-        "model.lp: is of a format that is not read; a program is in a file .npz, .mat, .qps, .mps, .sif, .qps.gz"
-        in call.stdout
+        "model.lp: is of an unknown format; programs are read from .npz, .mat, .qps, .mps, .sif, .qps.gz" in call.stdout
     )
 
 

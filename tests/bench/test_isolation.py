@@ -66,7 +66,7 @@ SAID = {
     "raises_in_update": "ValueError: cannot update",
     "answers_nan": "says 'as I say', and gives no finite answer of 18 numbers",
     "short": "says 'as I say', and gives no finite answer of 18 numbers",
-    "odd_duals": "duals z_box are of shape (3,) and not (18,)",
+    "odd_duals": "duals z_box: expected shape (18,), got (3,)",
     "unsupported": "takes no | scaled data",
     "answers_complex": "answers with complex numbers",
 }
@@ -97,7 +97,7 @@ def test_the_race_ends_with_1_and_a_last_line_that_names_the_users_own_lanes_tha
     wrong = {name for name, status in STATUS.items() if status != Status.ANSWERED} | {"lies", "infeasible"}
     assert {name for name in STATUS if f" {name} (direct) " in last} == wrong, last
     assert "segfaults (direct) fails on bouc_wen-staircase: the process ended with SIGSEGV" in last
-    assert "lies (direct) errs by " in last
+    assert "lies (direct) has an error of " in last
     assert faulty_race.call.status == 1
     assert clean_race.call.status == 0
 

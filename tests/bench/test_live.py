@@ -182,7 +182,7 @@ def test_a_reference_and_a_model_in_other_units_are_converted_to_those_of_the_st
         ("timeout_s = 0.5 -> timeout_s = 'long'", "the field 'timeout_s' is wrong: expected `float`, got `str`"),
         ("timeout_s = 0.5 -> timeout_s = 1e6", "the field 'timeout_s' is wrong: expected `float` <= 3600.0"),
         ("input_unit, output_unit -> a_unit, output_unit", "the field 'input_unit' is missing"),
-        ("def exchange -> def swap", "holds 0 classes with the methods open, exchange, close"),
+        ("def exchange -> def swap", "must define one class with the methods open, exchange, close, and defines 0"),
         ("import os -> import no_such_module", "cannot be run: ModuleNotFoundError"),
     ],
 )

@@ -208,9 +208,9 @@ ENDS = {
     "full disk": End(1, "could not be written: ", act=lambda run: run.fill_disk()),
     "Ctrl-C while it starts": End(130, "", act=lambda run: os.killpg(run.session, signal.SIGINT), begins=None),
     "time": End(0, "The stage is at rest; the time is over.", words=("--seconds", 1)),
-    "page's port taken": End(2, "the page cannot be at 127.0.0.1:", begins=False),
+    "page's port taken": End(2, "cannot serve the page at 127.0.0.1:", begins=False),
     "recording exists": End(2, "run.parquet: is a recording; move it away", begins=False),
-    "stream exists": End(2, "run.arrow: was left by a run that did not come to its end; move it away", begins=False),
+    "stream exists": End(2, "run.arrow: was left by an unfinished run; move it away", begins=False),
     "damaged model": End(2, "model.json: ", words=("model.json",), begins=False),
     "wrong stage": End(2, "cannot be run: SyntaxError", "'", begins=False),
 }

@@ -167,7 +167,7 @@ def test_the_operators_begin_anew_at_each_sweep_of_a_recording(recording: Path, 
     made = make("recorded", options={"recording": str(tmp_path / "sweeps.csv")})
     problem = next(problem for problem in made.problems() if problem.name == "n5-m3-whole")
     assert isinstance(made, Recorded)
-    fitted, _ = made._parts
+    fitted, _ = made._split
     assert fitted.starts == (0, 2000)
     prepared = preprocessed(fitted, 5, 3, made._orders_and_rates[1])
     alone = accumulate(fitted, counted_from(fitted, 0), prepared.structure, prepared.fit.states, Solving())
@@ -252,7 +252,7 @@ def test_a_few_problems_of_a_set_are_spread_over_its_actuators_and_drives() -> N
 def test_a_set_makes_only_the_problems_that_are_wanted_under_their_names() -> None:
     for name in ("noise", "measured"):
         problem_set = make(name)
-        problem_set.wanted = {problem_set.names()[1]}
+        problem_set.selected = {problem_set.names()[1]}
         assert [problem.name for problem in problem_set.problems()] == [problem_set.names()[1]]
 
 

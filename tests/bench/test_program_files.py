@@ -176,7 +176,7 @@ def test_names_may_contain_blanks_in_fixed_columns(tmp_path: Path) -> None:
         ("R1        5.0", "R1        NaN", "line 20: 'NaN' is not a number"),
         ("C1        20.0", "C1        nan", "line 23: 'nan' is not a number"),
         ("C1        20.0", "C1        1_0", "line 23: '1_0' is not a number"),
-        ("C1        20.0", "C1        -inf", "line 23: no number of the column 'C1' is within the bound -inf"),
+        ("C1        20.0", "C1        -inf", "line 23: no value of the column 'C1' satisfies the bound -inf"),
         (
             " MI BND       C4",
             " UP BND       C2        9.0",
@@ -255,10 +255,10 @@ NUMBERS: list[tuple[dict[str, object], str]] = [
     ({"q": np.ones(2) + 1j}, "q holds complex numbers"),
     ({"P": np.diag([1.0, np.inf])}, "P has an element that is not a finite number"),
     ({"q": np.array(["1", "2"])}, "q holds no numbers"),
-    ({"q": np.array([2**63 - 1, 1])}, "q holds numbers that no double is equal to"),
-    ({"q": np.ones((2, 2))}, "q is of shape (2, 2) and no vector"),
-    ({"r": np.nan}, "the constant r is not one finite number"),
-    ({"r": [1.0, 2.0]}, "the constant r is not one finite number"),
+    ({"q": np.array([2**63 - 1, 1])}, "q holds numbers that double precision cannot represent"),
+    ({"q": np.ones((2, 2))}, "q must be a vector, not of shape (2, 2)"),
+    ({"r": np.nan}, "the constant r must be one finite number"),
+    ({"r": [1.0, 2.0]}, "the constant r must be one finite number"),
 ]
 """Invalid numbers in either format."""
 CUT_SHORT = io.BytesIO()
@@ -296,7 +296,7 @@ OF_ONE = {"P": np.eye(1), "q": np.ones(1), "x_l": np.zeros(1)}
 @pytest.mark.parametrize(
     ("name", "content", "sentence"),
     [
-        ("shape.mat", {"A": np.eye(3), "l": np.ones(3), "u": np.ones(3)}, "A is of shape"),
+        ("shape.mat", {"A": np.eye(3), "l": np.ones(3), "u": np.ones(3)}, "A: expected shape"),
         ("text.mat", b"not a MATLAB file", "cannot be read"),
         ("cut.mat", CUT_SHORT.getvalue(), "cannot be read"),
         ("half.npz", {"G": np.eye(2)}, "G without h"),
@@ -305,14 +305,14 @@ OF_ONE = {"P": np.eye(1), "q": np.ones(1), "x_l": np.zeros(1)}
         ("qp.xml", b"", "unknown suffix"),
         ("pickled.npz", {"G": np.array(None), "h": np.ones(1)}, "G is stored as a Python object, which is not read"),
         *((f"wrong{suffix}", *case) for case in NUMBERS for suffix in (".mat", ".npz")),
-        ("wrong.mat", {"A": np.eye(2), "l": [0.0, np.nan], "u": np.ones(2)}, "l[1] is nan, and nothing is within that"),
+        ("wrong.mat", {"A": np.eye(2), "l": [0.0, np.nan], "u": np.ones(2)}, "l[1] is nan, which no value satisfies"),
         (
             "wrong.mat",
             {"A": np.eye(2), "l": np.zeros(2), "u": [-1e30, 1.0]},
-            "u[0] is -inf, and nothing is within that",
+            "u[0] is -inf, which no value satisfies",
         ),
-        ("wrong.npz", {"G": np.eye(2), "h": [np.nan, 1.0]}, "h[0] is nan, and nothing is within that"),
-        ("wrong.npz", {"lb": [0.0, np.inf]}, "lb[1] is inf, and nothing is within that"),
+        ("wrong.npz", {"G": np.eye(2), "h": [np.nan, 1.0]}, "h[0] is nan, which no value satisfies"),
+        ("wrong.npz", {"lb": [0.0, np.inf]}, "lb[1] is inf, which no value satisfies"),
         ("wrong.npz", {"ub": [np.nan, 1.0]}, "ub[0] is nan"),
         ("box.mat", {"lb": np.zeros(2)}, "holds lb, which is not read"),
         *((f"one{suffix}", OF_ONE, "holds x_l, which is not read") for suffix in (".npz", ".mat")),

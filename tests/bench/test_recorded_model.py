@@ -11,7 +11,7 @@ from command_line import CommandLine
 from small_races import race_of
 
 from bench.deploy.actuator_model import model_for
-from bench.problems.recorded import kept_back
+from bench.problems.recorded import held_out_recording
 from bench.store import Run, RunError
 from piezo_model import HysteresisCreepModel, Recording, identify, plants
 from piezo_model.deployment import Deployment
@@ -85,7 +85,7 @@ def test_a_model_with_a_ten_percent_larger_error_is_refused_with_both_errors(
 ) -> None:
     *_, run = recorded
     kept, model = run.settings["models"]["recorded"]["error_percent"], model_for(run).model
-    unseen = kept_back(run.problem("recorded", run.settings["problems"]["recorded"][0]))
+    unseen = held_out_recording(run.problem("recorded", run.settings["problems"]["recorded"][0]))
     plays = np.arange(model.weights.size) < model.structure.n
     bad = HysteresisCreepModel.from_weights(model.structure, np.where(plays, 2.0, 1.0) * model.weights)
     bad.save(tmp_path / "bad.json")

@@ -158,7 +158,7 @@ def test_figures_have_as_many_digits_as_the_drift_allows(drift: float, time: str
 def test_a_reservation_comes_before_the_figures_that_it_concerns_and_a_quiet_machine_has_none() -> None:
     first, second = verdict(measured(field()), CORE, 2.0)
     assert first.startswith(
-        "With reservation: in one fifth of the race the machine took 200 % more or less time for a fixed piece of work"
+        "Caution: in one fifth of the race the speed of the machine differed by 200 % from that of the whole race"
     )
     assert second.endswith("(clang 18, AVX2; drift 200 %).")
     _, several = verdict(measured([*field(), row(solver="osqp", host="elsewhere")]), CORE, 2.0)
@@ -276,7 +276,7 @@ def test_a_sentence_says_which_of_the_known_libraries_reach_the_tier_and_how_far
         *ladder({**RIGHT, "p1": [1e-5]}, solver="scs"),
         *ladder({"p1": [1e-5], "p2": [1e-5], "p3": [1e-5]}, solver="scs", lane="cvxpy"),
     ]
-    assert "Of the libraries that people know first, daqp and osqp reach it on all problems and scs on 2." in verdict(
+    assert "Of the best-known libraries, daqp and osqp reach it on all problems and scs on 2." in verdict(
         measured(rows)
     )
     assert not any("people know first" in sentence for sentence in verdict(measured(rows[:6])))

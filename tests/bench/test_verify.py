@@ -52,7 +52,7 @@ def with_answers_exchanged(rows: pd.DataFrame) -> pd.DataFrame:
         (edited("timed_shares", lambda row: row.timed_shares[:-1]), "the draw of its timed answer does not fit"),
         (edited("misses_exact", lambda row: 0), "misses_exact is 0 of"),
         (edited("misses_low", lambda row: row.judged + 1), "judged answers, and its timed gap"),
-        (edited("digest", lambda row: "0" * 16), "its digest is that of other data"),
+        (edited("digest", lambda row: "0" * 16), "its digest does not match the stored problem"),
         (edited("answer", lambda row: ()), "and nan from its answer"),
         (with_answers_exchanged, "its cost gap is"),
     ],

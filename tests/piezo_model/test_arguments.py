@@ -157,7 +157,7 @@ def test_what_is_no_vector_of_numbers_is_refused_by_the_name_of_the_argument(wha
     make, call, name = TAKE_VECTORS[what]
     thing = make()
     before = shown(thing)
-    with pytest.raises(ValueError, match=rf"\b{name}\b.* must be ") as refused:
+    with pytest.raises(ValueError, match=rf"\b{name}\b.* must (be|hold) ") as refused:
         call(thing, WRONG[form])
     assert "\n" not in str(refused.value)
     np.testing.assert_equal(shown(thing), before)
@@ -191,9 +191,9 @@ def test_vectors_may_come_in_every_form_that_means_numbers(what: str, form: str)
     [
         (lambda bank: bank.run(np.ones(8)), r"y_ref and .* must be of shape \(N, 8\), not of shapes \(8,\) and \(8,\)"),
         (lambda bank: bank.run(np.ones((5, 8)), np.ones((4, 8))), r"must be of shape \(N, 8\)"),
-        (lambda bank: bank.run([[1.0], [1.0, 2.0]]), "y_ref must be made of real numbers, and not of list"),
-        (lambda bank: bank.step(["a"] * 8, np.ones(8)), "y_ref must be made of real numbers"),
-        (lambda bank: bank.step(np.ones(8), None), "y_measured_before must be made of real numbers"),
+        (lambda bank: bank.run([[1.0], [1.0, 2.0]]), "y_ref must hold real numbers, not list"),
+        (lambda bank: bank.step(["a"] * 8, np.ones(8)), "y_ref must hold real numbers"),
+        (lambda bank: bank.step(np.ones(8), None), "y_measured_before must hold real numbers"),
         (lambda bank: bank.set_model(-1, MODEL), "there are actuators 0 to 7, and not -1"),
         (lambda bank: bank.set_model(8, MODEL), "there are actuators 0 to 7, and not 8"),
         (lambda bank: bank.set_model(1.0, MODEL), "there are actuators 0 to 7, and not 1.0"),
@@ -228,7 +228,7 @@ WRONG_SETTINGS: dict[str, tuple[Callable[[], Any], str]] = {
     "a range of three": (lambda: equidistant(y_range=(0, 1, 2)), "y_range must be two finite numbers that differ"),
     "a word for a time": (lambda: equidistant(sample_time="1 ms"), "sample_time must be from .*, not '1 ms'"),
     "a number for a unit": (lambda: equidistant(input_unit=3), "input_unit must be a unit of at most 1000 characters"),
-    "words for rates": (lambda: equidistant(creep_rates=["fast"]), "creep_rates must be made of real numbers"),
+    "words for rates": (lambda: equidistant(creep_rates=["fast"]), "creep_rates must hold real numbers"),
     "a number as structure": (lambda: identify(DRIVE, OUTPUT, 1e-3), "structure must be a ModelStructure, not 0.001"),
     "a skip in seconds": (lambda: identify(DRIVE, OUTPUT, STRUCTURE, skip=0.5), "skip must be a whole number"),
     "no structure of a basis": (lambda: DataBasis(MODEL), "structure must be a ModelStructure"),
@@ -245,10 +245,13 @@ WRONG_SETTINGS: dict[str, tuple[Callable[[], Any], str]] = {
     ),
     "options of a word": (lambda: SelfLearningCompensator(STRUCTURE, solver_options="a"), "solver_options must be a M"),
     "a count of actuators": (lambda: CompensatorBank(STRUCTURE, 2.0), "count must be a whole number of at least 1"),
-    "words for weights": (lambda: HysteresisCreepModel.from_weights(STRUCTURE, "a"), "w must be made of real numbers"),
+    "words for weights": (lambda: HysteresisCreepModel.from_weights(STRUCTURE, "a"), "w must hold real numbers"),
     "limits of a recording": (lambda: Recording.from_arrays([], [], T), "must be one-dimensional, .* and not empty"),
     "an infinite input": (lambda: Recording.from_arrays([0.0, np.inf], [0.0, 1.0], T), "input is infinite in sample 1"),
-    "unequal lengths": (lambda: Recording.from_arrays(DRIVE, OUTPUT[:9], T), "must be one-dimensional, of one length"),
+    "unequal lengths": (
+        lambda: Recording.from_arrays(DRIVE, OUTPUT[:9], T),
+        "must be one-dimensional, of equal length",
+    ),
 }
 
 

@@ -169,5 +169,5 @@ def test_a_drive_that_stands_still_names_everything_open_and_still_has_a_finite_
 def test_senseless_options_are_refused_by_name(options: dict, sentence: str) -> None:
     with pytest.raises(ValueError, match=sentence):
         replace(problem_of(structure(), full_drive()), **options)
-    with pytest.raises(ValueError, match="there is no form 'slope', 'metric'"):
+    with pytest.raises(ValueError, match="unknown form 'slope', 'metric'"):
         problem_of(structure(), full_drive()).form("slope", "metric")  # type: ignore[arg-type]

@@ -288,7 +288,7 @@ def test_channels_are_named_by_path_by_name_or_by_number(tmp_path: Path) -> None
     assert "has no column 'volts' for the input; its columns are 'entry/data/displacement'" in refusal(
         path, input="volts"
     )
-    assert "not of one length: 'entry/log/temperature' has 17 rows" in refusal(
+    assert "columns differ in length: 'entry/log/temperature' has 17 rows" in refusal(
         path, time="temperature", input="voltage", output="displacement"
     )
 
@@ -299,7 +299,7 @@ def test_channels_are_named_by_path_by_name_or_by_number(tmp_path: Path) -> None
 def test_an_option_that_a_format_does_not_support_is_refused(
     tmp_path: Path, form: str, option: str, value: object
 ) -> None:
-    assert f"for which no {option.replace('_', ' ')} can be given" in refusal(made(tmp_path, form), **{option: value})
+    assert f"which takes no {option.replace('_', ' ')}" in refusal(made(tmp_path, form), **{option: value})
 
 
 READ_EACH = """
@@ -363,7 +363,7 @@ def test_a_file_that_was_read_can_be_written_again(tmp_path: Path) -> None:
         *(
             (
                 lambda path, make=make: make(path, cube=np.zeros((4, 5, 6)), spectrum=X + 1j * Y),
-                f"it holds 'cube' (4 x 5 x 6, float64), 'spectrum' ({N}, complex128), save real arrays",
+                f"it holds 'cube' (4 x 5 x 6, float64), 'spectrum' ({N}, complex128); save real arrays",
             )
             for make in (
                 lambda path, **arrays: numpy_file(np.savez, **arrays)(path),

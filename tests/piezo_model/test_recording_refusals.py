@@ -158,7 +158,7 @@ REFUSED: list[tuple[list[str], dict[str, Any], str]] = [
     (
         ["[step]", *timed(EVEN), "[sine]", *timed(EVEN)],
         {},
-        "has 2 tables, and 2 of them can be the recording by their columns; --table takes a number or a name: 1 'step' "
+        "has 2 tables, and the columns of 2 look like a recording; --table takes a number or a name: 1 'step' "
         f"(time_s, voltage_V, displacement_um; {len(EVEN)} rows); 2 'sine' (",
     ),
     ([*timed(EVEN), *["0.5,1"] * 9], {}, f"data row {len(EVEN) + 1}) has 2 columns where the others have 3"),
@@ -265,7 +265,7 @@ REFUSED: list[tuple[list[str], dict[str, Any], str]] = [
     (["t u y", "0 1 2", "\t", "1 2 3", "2 x 4"], {}, "holds 'x' in row 5 (data row 3), where a number is needed"),
     # tens of thousands of columns
     *(
-        ([",".join(names), *2 * [",".join(["1"] * len(names))]], {}, f"has {len(names)} columns, and no recording has")
+        ([",".join(names), *2 * [",".join(["1"] * len(names))]], {}, f"has {len(names)} columns, more than the limit")
         for names in ([f"c{k}" for k in range(20_000)], ["v"] * 60_000)
     ),
 ]
@@ -311,7 +311,7 @@ def test_a_file_that_takes_values_from_another_one_is_refused(
     if matlab:
         with path.open("r+b") as opened:
             opened.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
-    assert "takes 'displacement' from another file" in refusal(path)
+    assert "'displacement' links to another file" in refusal(path)
 
 
 @pytest.mark.parametrize(

@@ -53,13 +53,13 @@ REPAIRED: dict[str, tuple[str, str, slice, int]] = {
     ),
     "a silent sensor": (
         table(T, X, changed(Y, slice(300, 1200))),
-        "900 of 2000 samples move the operators",
+        "900 of 2000 samples are interpolated",
         slice(0),
         900,
     ),
     "a drive that is missing": (
         table(T, changed(X, slice(50, 58)), Y),
-        "voltage_V' is missing in row 52 .*: 8 of 2000 samples move the operators",
+        "voltage_V' is missing in row 52 .*: 8 of 2000 samples are interpolated",
         slice(0),
         8,
     ),
@@ -107,19 +107,19 @@ REPAIRED: dict[str, tuple[str, str, slice, int]] = {
     ),
     "two sweeps in falling times": (
         table(np.tile(T[:1000][::-1], 2), X[TURNED], Y[TURNED]),
-        "2 sweeps below each other",
+        "2 consecutive sweeps",
         slice(0),
         0,
     ),
     "a sensor that writes every fourth row": (
         table(T[:1997], X[:1997], np.where(np.arange(1997) % 4, np.nan, Y[:1997])),
-        "1497 of 1997 samples move the operators",
+        "1497 of 1997 samples are interpolated",
         slice(1997, N),
         1497,
     ),
     "a sensor that is held": (
         table(T, X, np.repeat(Y[::4], 4)),
-        "is held for 4 rows, a sensor that is slower than the drive: 1500 of 2000",
+        "is held for 4 rows, since the sensor is slower than the drive: 1500 of 2000",
         slice(0),
         1500,
     ),
@@ -183,7 +183,7 @@ SPOILED: dict[str, tuple[str, dict[str, Any], str]] = {
     "an open quote": (CLEAN.replace(f",{X[50]:.7g},", ',"1,', 1), {}, "row 52|quote"),
     "a row too wide": (CLEAN.replace(f",{X[50]:.7g},", ",1,1,", 1), {}, "has 4 columns where the others have 3"),
     "lost decimal marks of the drive": (table(T, X * 1e6, Y), {}, "reaches from .* V, more than 10000 V"),
-    "lost decimal marks of the sensor": (table(T, X, Y * 1e6), {}, "a decimal mark lost, or is its unit another"),
+    "lost decimal marks of the sensor": (table(T, X, Y * 1e6), {}, "a decimal mark missing, or the unit wrong"),
     "a gap beside a few rows": (
         table(*(np.delete(values, slice(8, 98)) for values in (T, X, Y))),
         {"resample": PERIOD},
@@ -191,7 +191,7 @@ SPOILED: dict[str, tuple[str, dict[str, Any], str]] = {
     ),
     "lost decimal marks of the times": (table(np.round(T * 1e6), X, Y, digits=12), {}, "one sample every 5000 s; is a"),
     "a resampling by mistake": (CLEAN, {"resample": 1e-6}, "makes 9995001 samples of 2000 rows"),
-    "no rows in a part": (CLEAN, {"from_s": 50.0}, "has 0 rows after --from 50, seconds"),
+    "no rows in a part": (CLEAN, {"from_s": 50.0}, "has 0 rows after --from 50"),
     "a period that the clock contradicts": (CLEAN, {"sample_time": 0.1}, "lasts 9.995 s by its time column"),
     "a length for a unit of time": (table(T, X, Y), {"time_unit": "um"}, "'um', .* of time; --time-unit"),
     "a zero byte": (CLEAN.replace("time_s", "t\0ime_s"), {}, "neither plain text"),
@@ -241,7 +241,7 @@ def test_sweeps_below_each_other_are_parts(tmp_path: Path, kind: str) -> None:
     assert (recording.length, recording.starts, recording.sample_time) == (N, (0, 1000), PERIOD)
     for sweep in recording.sweeps():
         np.testing.assert_allclose([sweep.x, sweep.y], [X[SWEEP], Y[SWEEP]], rtol=1e-6)
-    assert "2 sweeps below each other" in recording.describe()
+    assert "2 consecutive sweeps" in recording.describe()
     part = Recording.open(tmp_path / "stage.csv", from_s=1.0, to_s=2.0)
     assert (part.length, part.starts) == (402, (0, 201))
 
@@ -382,7 +382,7 @@ def test_an_output_that_drops_out_to_one_value_beyond_all_others_is_missing_ther
     assert found.uncounted[far].all()
     assert not found.uncounted[dropped == y].any()
     assert np.max(np.abs(found.y - y)) < 0.05 * np.ptp(y)
-    assert any("beyond all others: a sensor that drops out, not counted" in r for r in found.remarks)
+    assert any("beyond all others: a sensor dropout, not counted" in r for r in found.remarks)
 
 
 @pytest.mark.parametrize("drive", [np.sin, np.sign, lambda phase: np.round(3.0 * np.sin(phase))])

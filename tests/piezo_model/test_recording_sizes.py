@@ -125,7 +125,7 @@ HOSTILE: dict[str, tuple[Callable[[Path], Any], str]] = {
         MORE,
     ),
     "NPZ": (npz_stated, MORE),
-    "NPZ array": (npz_array, "takes more memory than is free"),
+    "NPZ array": (npz_array, "needs more memory than is free"),
     "TDMS": (tdms_texts, MORE),
     "Excel text": (long_text, MORE),
 }

@@ -311,6 +311,6 @@ def test_a_statement_that_is_no_period_is_not_taken_and_is_no_matter_beside_time
 
 def test_a_stated_period_of_minutes_is_questioned_like_that_of_a_clock(tmp_path: Path) -> None:
     path = text_file(tmp_path, f"# dt: 2026\nvoltage_V,height_um\n{rows('{x},{y}')}")
-    with pytest.raises(RecordingError, match="its header has one sample every 2026 s; is a decimal mark lost"):
+    with pytest.raises(RecordingError, match="its header has one sample every 2026 s; is a decimal mark missing"):
         Recording.open(path)
     assert Recording.open(path, sample_time=2026.0).sample_time == 2026.0

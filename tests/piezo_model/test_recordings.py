@@ -112,7 +112,7 @@ def test_arrays_are_copied() -> None:
 @pytest.mark.parametrize(
     ("x", "y", "sample_time", "sentence"),
     [
-        ([1, 2, 3], [1, 2], 1e-3, r"of one length.*\(3,\) and \(2,\)"),
+        ([1, 2, 3], [1, 2], 1e-3, r"of equal length.*\(3,\) and \(2,\)"),
         ([[1, 2]], [[1, 2]], 1e-3, "one-dimensional"),
         ([], [], 1e-3, "not empty"),
         ([1, np.nan, 3], [1, 2, 3], 1e-3, "arrays: input is missing in sample 1"),
@@ -237,7 +237,7 @@ def test_values_that_are_not_finite_are_counted(tmp_path: Path, suffix: str) -> 
     sentence = refusal(path)
     assert "column 'voltage_V' is missing in" in sentence
     assert "data row 70001" in sentence
-    assert "in all 1500 of 100000 values are missing, infinite or absurd" in sentence
+    assert "in all 1500 of 100000 values are missing, infinite or implausible" in sentence
 
 
 PARQUET: list[tuple[dict[str, object], dict[str, str], str]] = [
@@ -304,7 +304,7 @@ def test_a_written_table_comes_back_to_the_last_bit(stage: Path) -> None:
         ("drive.xlsx", {"t": [0, 1]}, r"unknown suffix '.xlsx'; a table is written as .csv or .parquet"),
         ("drive", {"t": [0, 1]}, "unknown suffix ''"),
         ("drive.csv", {}, "needs at least one column"),
-        ("drive.csv", {"t": [0, 1], "u": [1]}, r"of one length, not 't' \(2,\), 'u' \(1,\)"),
+        ("drive.csv", {"t": [0, 1], "u": [1]}, r"of equal length, not 't' \(2,\), 'u' \(1,\)"),
         ("drive.csv", {"t": [[0, 1]]}, "one-dimensional"),
         ("drive.csv", {"t": [0, 1], "u": [1, np.nan]}, "column 'u' holds nan in data row 2"),
         ("drive.csv", {"t": ["a", "b"]}, "column 't' holds <U1, where numbers are needed"),

@@ -164,7 +164,7 @@ def test_another_version_is_absent_in_the_compiled_lane_alone_with_a_sentence(
     monkeypatch.delitem(sys.modules, f"solvers.kernel.{name}")
     monkeypatch.setattr(importlib.metadata, "version", lambda queried: "99.1" if queried == name else real(queried))
     reason = describe(solvers.find(name, Lane.KERNEL)).absent
-    assert reason == f"the C interface of {name} is known of version {real(name)}, and 99.1 is installed"
+    assert reason == f"the C interface of {name} is supported in version {real(name)}, but 99.1 is installed"
     assert not describe(solvers.find(name, Lane.DIRECT)).absent
 
 

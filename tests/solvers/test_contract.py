@@ -87,12 +87,12 @@ FOLLOWS: dict[str, tuple[Callable[[Solver], Any], int]] = {
 }
 """Calls after a refusal, with the number of their answer."""
 SENTENCES = {
-    r"NaN|inf": r"must be (a )?finite",
-    r" of \d": r"must be of shape",
-    r"complex|text": r"must be made of real numbers, and not of (complex128|<U1)",
+    r"NaN|inf": r"must be finite",
+    r" of \d": r"expected shape",
+    r"complex|text": r"must hold real numbers, not (complex128|<U1)",
     r"asymmetric": r"P is not symmetric$",
     r"above ub": r"a lower bound lies above its upper bound",
-    r"missing": r"come together",
+    r"missing": r"only one of",
     r"no variables": r"a problem without variables",
 }
 """What a refusal says, by the words of its case."""
@@ -257,15 +257,15 @@ def test_a_solver_keeps_its_contract(entry: Entry, promises: Callable[[str, str]
 
 
 REMOVED: dict[str, tuple[Any, str, Any, dict[str, Any]]] = {
-    "must be of shape": (arrays.shaped, "__code__", (lambda name, values, shape: values).__code__, {"lb": np.zeros(2)}),
-    "must be a finite": (
+    "expected shape": (arrays.shaped, "__code__", (lambda name, values, shape: values).__code__, {"lb": np.zeros(2)}),
+    "must be finite": (
         checks.finite,
         "__code__",
         (lambda name, values, shape, absent: values).__code__,
         {"lb": LB * np.nan},
     ),
-    "lies above": (rows, "require", lambda *status, **data: None, {"lb": np.full(3, 9.5)}),
-    "not symmetric": (rows, "require", lambda *status, **data: None, {"P": WRONG["P"][2]["asymmetric"]}),
+    "lies above": (rows, "check_status", lambda *status, **data: None, {"lb": np.full(3, 9.5)}),
+    "not symmetric": (rows, "check_status", lambda *status, **data: None, {"P": WRONG["P"][2]["asymmetric"]}),
 }
 """The function that makes each check of a program, what replaces it, and data that only this check refuses."""
 
@@ -377,14 +377,14 @@ def test_after_a_refused_update_nothing_is_answered_until_its_arrays_come_again_
             {"tolerance": 1e-9},
             "box_active_set has no setting 'tolerance'; it has warm, most_exchanges",
         ),
-        ("box_active_set", {"warm": "no"}, "box_active_set: warm must be True or False, and it is 'no'"),
+        ("box_active_set", {"warm": "no"}, "box_active_set: warm must be True or False, not 'no'"),
         ("box_active_set", {"most_exchanges": -1}, "most_exchanges must be a whole number from 0 to 2147483647"),
         ("projected_difference", {"steps": 1.5}, "projected_difference: steps must be a whole number from 0 to"),
-        ("projected_difference", {"tolerance": -1.0}, "tolerance must be a number and not negative, and it is -1.0"),
-        ("projected_difference", {"step_ratio": np.nan}, "step_ratio must be a number and not negative"),
-        ("accelerated_projection", {"tolerance": -1.0}, "tolerance must be a number and not negative, and it is -1.0"),
-        ("accelerated_projection", {"tolerance": None}, "tolerance must be a number and not negative, and it is None"),
-        ("accelerated_projection", {"diagonal_scaling": 1}, "diagonal_scaling must be True or False, and it is 1"),
+        ("projected_difference", {"tolerance": -1.0}, "tolerance must be a number of at least 0, not -1.0"),
+        ("projected_difference", {"step_ratio": np.nan}, "step_ratio must be a number of at least 0"),
+        ("accelerated_projection", {"tolerance": -1.0}, "tolerance must be a number of at least 0, not -1.0"),
+        ("accelerated_projection", {"tolerance": None}, "tolerance must be a number of at least 0, not None"),
+        ("accelerated_projection", {"diagonal_scaling": 1}, "diagonal_scaling must be True or False, not 1"),
     ],
 )
 def test_a_setting_that_is_misspelt_or_out_of_range_is_refused(name: str, settings: dict, sentence: str) -> None:

@@ -159,38 +159,38 @@ static int all_finite(const piezo_real *numbers, size_t count)
 }
 
 /* Copy the weights in the order of the core, and check that the model has an inverse. */
-static piezo_status check(const piezo_weights *given, real *weights)
+static piezo_status check(const piezo_weights *new_weights, real *weights)
 {
     real slope = 0;
-    int invertible = given->w_h[0] > 0;
-    memcpy(weights, given->w_h, sizeof given->w_h);
-    memcpy(weights + PIEZO_THRESHOLDS, given->w_s, sizeof given->w_s);
+    int invertible = new_weights->w_h[0] > 0;
+    memcpy(weights, new_weights->w_h, sizeof new_weights->w_h);
+    memcpy(weights + PIEZO_THRESHOLDS, new_weights->w_s, sizeof new_weights->w_s);
 #if PIEZO_RATES > 0
-    memcpy(weights + PIEZO_THRESHOLDS + PIEZO_ZONES, given->w_k, sizeof given->w_k);
+    memcpy(weights + PIEZO_THRESHOLDS + PIEZO_ZONES, new_weights->w_k, sizeof new_weights->w_k);
 #endif
-    weights[PIEZO_ALL_WEIGHTS - 1] = given->offset;
+    weights[PIEZO_ALL_WEIGHTS - 1] = new_weights->offset;
     for (int i = 0; i < PIEZO_ALL_WEIGHTS; ++i) {
         const int may_be_negative =
             (i >= PIEZO_THRESHOLDS && i < PIEZO_THRESHOLDS + PIEZO_ZONES) || i == PIEZO_ALL_WEIGHTS - 1;
         invertible = invertible && (may_be_negative || weights[i] >= 0);
     }
     for (int i = PIEZO_MIDDLE; i < PIEZO_ZONES; ++i) {
-        slope += given->w_s[i];
+        slope += new_weights->w_s[i];
         invertible = invertible && slope > 0;
     }
-    slope = given->w_s[PIEZO_MIDDLE];
+    slope = new_weights->w_s[PIEZO_MIDDLE];
     for (int i = PIEZO_MIDDLE - 1; i >= 0; --i) {
-        slope += given->w_s[i];
+        slope += new_weights->w_s[i];
         invertible = invertible && slope > 0;
     }
     return !all_finite(weights, PIEZO_ALL_WEIGHTS) ? PIEZO_NOT_FINITE : invertible ? PIEZO_OK : PIEZO_NO_INVERSE;
 }
 
-piezo_status piezo_set_model(piezo_axis *axis, const piezo_weights *given, piezo_real blend)
+piezo_status piezo_set_model(piezo_axis *axis, const piezo_weights *new_weights, piezo_real blend)
 {
     const Compensator c = of(axis);
     real weights[PIEZO_ALL_WEIGHTS];
-    const piezo_status status = check(given, weights);
+    const piezo_status status = check(new_weights, weights);
     if (!(blend >= 0 && blend < 1)) {
         return PIEZO_BAD_LIMITS;
     }

@@ -27,7 +27,7 @@ class Measured(ProblemSet):
     name = "measured"
     origin = "measured elsewhere"
     description = (
-        "recordings of three real actuators at the paper's orders (n = 5, m = 3, an offset), the last fifth kept back"
+        "recordings of three real actuators at the paper's orders (n = 5, m = 3, an offset), the last fifth held out"
     )
 
     def names(self) -> Sequence[str]:
@@ -37,7 +37,7 @@ class Measured(ProblemSet):
     def problems(self) -> Iterator[RaceProblem]:
         """Certify the program of each recording."""
         for path in _files():
-            if path.stem not in self.wanted:
+            if path.stem not in self.selected:
                 continue
             (*neighbours, problem), validation = read(path, self.seed)
             yield certified(self.name, path.stem, problem, validation, neighbours=neighbours)

@@ -91,17 +91,17 @@ def open_tables(path: str | Path, options: ReadOptions) -> list[Table]:
             head = file.read(HEAD_BYTES)
         if not head:
             raise RecordingError(f"{path}: is an empty file")
-        format = next(each for each in FORMATS if each.recognises(path, head))
+        format = next(candidate for candidate in FORMATS if candidate.recognises(path, head))
         for name in ("header_row", "decimal", "table"):
             if getattr(options, name) is not None and name not in format.takes:
-                raise RecordingError(f"{path}: is {format.name}, for which no {name.replace('_', ' ')} can be given")
+                raise RecordingError(f"{path}: is {format.name}, which takes no {name.replace('_', ' ')}")
         with warnings.catch_warnings(action="ignore"):  # of libraries
-            found = format.read(path, *(getattr(options, name) for name in format.takes if name != "table"))
-            tables: list[Table] = [table_of(path, found)] if isinstance(found, Arrays) else found
+            contents = format.read(path, *(getattr(options, name) for name in format.takes if name != "table"))
+            tables: list[Table] = [table_of(path, contents)] if isinstance(contents, Arrays) else contents
     except RecordingError:
         raise
     except MemoryError:
-        raise RecordingError(f"{path}: takes more memory than is free") from None
+        raise RecordingError(f"{path}: needs more memory than is free") from None
     except ModuleNotFoundError as error:
         raise RecordingError(
             f"{path}: is {format.name}, and reading it needs the package {error.name}: install piezobench[formats]"
@@ -113,5 +113,5 @@ def open_tables(path: str | Path, options: ReadOptions) -> list[Table]:
         raise RecordingError(f"{path}: is {format.name}, and damaged: {first_line(error)}") from None
     most = max(len(table.columns) for table in tables)
     if most > MOST_COLUMNS:
-        raise RecordingError(f"{path}: has {most} columns, and no recording has more than {MOST_COLUMNS}")
+        raise RecordingError(f"{path}: has {most} columns, more than the limit of {MOST_COLUMNS} for a recording")
     return tables

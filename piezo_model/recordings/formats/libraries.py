@@ -41,8 +41,8 @@ def read_npy(path: Path) -> Arrays:
 
 def read_npz(path: Path) -> Arrays:
     """Every array of an archive."""
-    with zipfile.ZipFile(path) as parts:
-        check_size(path, sum(part.file_size for part in parts.infolist()))
+    with zipfile.ZipFile(path) as zipped:
+        check_size(path, sum(member.file_size for member in zipped.infolist()))
     with np.load(path, allow_pickle=False) as archive:
         arrays = {name: archive[name] for name in archive.files}
     return Arrays("NumPy", arrays, periods=period_in_scalars(arrays))
@@ -87,7 +87,7 @@ def refuse_other_files(path: Path, file: Any) -> None:
 
     name = file.visititems(elsewhere) or file.visititems_links(elsewhere)
     if name is not None:
-        raise RecordingError(f"{path}: takes {name!r} from another file, and only values in the file are read")
+        raise RecordingError(f"{path}: {name!r} links to another file; only values stored in the file are read")
 
 
 def _stated(holders: Sequence[Any], datasets: Sequence[Any]) -> float | None:
@@ -159,7 +159,9 @@ def read_tdms(path: Path) -> Arrays:
 
     log_manager.set_level(logging.ERROR)  # a truncated file has fewer rows
     stated = TdmsFile.read_metadata(path).groups()
-    check_size(path, sum(len(each) * max(each.dtype.itemsize, 8) for group in stated for each in group.channels()))
+    check_size(
+        path, sum(len(channel) * max(channel.dtype.itemsize, 8) for group in stated for channel in group.channels())
+    )
     groups = TdmsFile.read(path, raw_timestamps=True).groups()
     channels = {
         channel.name if len(groups) == 1 else f"{group.name}/{channel.name}": channel

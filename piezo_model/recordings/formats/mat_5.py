@@ -17,7 +17,7 @@ from piezo_model.recordings.table import check_size
 
 COMPRESSED, SPARSE = 15, 5
 """Type of a compressed variable, and class of a matrix that is stored without its zeros."""
-PIECE, ARRAY_BYTES = 1 << 10, 200
+CHUNK, ARRAY_BYTES = 1 << 10, 200
 """Bytes that are unpacked at once, and memory of an array without values."""
 
 
@@ -31,8 +31,8 @@ def read_mat_5(path: Path, most: int | None = None, *, simplify: bool = True) ->
         while len(tag := file.read(8)) == 8:
             kind, length = struct.unpack(f"{reader.byte_order}II", tag)
             end, unpack = file.tell() + length, zlib.decompressobj()
-            while kind == COMPRESSED and (piece := file.read(min(PIECE, end - file.tell()))):
-                unpacked += len(unpack.decompress(piece))
+            while kind == COMPRESSED and (chunk := file.read(min(CHUNK, end - file.tell()))):
+                unpacked += len(unpack.decompress(chunk))
                 check_size(path, unpacked, most)
             file.seek(end)
         return reader.get_variables()
@@ -49,9 +49,9 @@ class _Reader(MatFile5Reader):
 class _Arrays(VarReader5):
     size = 0
 
-    def read_header(self, *given: Any) -> Any:
+    def read_header(self, *arguments: Any) -> Any:
         """The header of a variable, or of an array in it, before its values are read."""
-        header = super().read_header(*given)
+        header = super().read_header(*arguments)
         if header.mclass != SPARSE:
             self.size += ARRAY_BYTES + 8 * math.prod(map(abs, header.dims or ()))
         check_size(self.path, self.size, self.most)

@@ -44,9 +44,9 @@ def tables_of(source: Source, header_row: int | None, decimal: str | None) -> li
         )
     regions = regions_of(blocks_of(source, encoding, mark, stop), layout.dialect, lambda text: _size(text, encoding))
     if header_row is not None:  # the user's table ends where the next one begins
-        regions = [Region(), *(each for each in regions if header_row and each.line + each.names >= header_row)]
+        regions = [Region(), *(region for region in regions if header_row and region.line + region.names >= header_row)]
     tables = []
-    for region, end in zip(regions, [*(mark + each.begin for each in regions[1:]), stop], strict=True):
+    for region, end in zip(regions, [*(mark + region.begin for region in regions[1:]), stop], strict=True):
         if layout is None or len(regions) > 1 or region.names > layout.start:
             lines = _first_lines(source, encoding, mark + region.begin, end)
             layout = layout_of(lines[: region.names + SAMPLE_LINES], decimal, header_row, region.names)
@@ -73,14 +73,14 @@ def _table(
     }
     form = ", ".join(clause for clause, holds in clauses.items() if holds)
     rows = TextRows(source, encoding, layout, start, stop, region.line)
-    left_out = (f"incomplete lines at the end are left out: {dropped}",) * (dropped > 0)
+    repairs = (f"incomplete lines at the end are left out: {dropped}",) * (dropped > 0)
     return Table(
         source.path,
         form,
         layout.columns,
         rows.batches,
         rows.where,
-        left_out,
+        repairs,
         times,
         ": ".join(filter(None, (source.sheet, region.title))),
         region.rows,

@@ -32,14 +32,14 @@ def open_workbook(path: Path, header_row: int | None) -> list[Table]:
     import openpyxl
 
     with zipfile.ZipFile(path) as archive, io.BytesIO() as copy:
-        if any(part.file_size > max(LARGE, DENSEST * part.compress_size) for part in archive.infolist()):
+        if any(member.file_size > max(LARGE, DENSEST * member.compress_size) for member in archive.infolist()):
             raise RecordingError(f"{path}: is compressed far more than a table of numbers is")
-        check_size(path, sum(part.file_size for part in archive.infolist()))
+        check_size(path, sum(member.file_size for member in archive.infolist()))
         if STRICT.search(archive.read("xl/workbook.xml")):
             with zipfile.ZipFile(copy, "w") as written:
-                for part in archive.infolist():
-                    renamed = STRICT.sub(rb"http://schemas.openxmlformats.org/\1/2006/", archive.read(part))
-                    written.writestr(part.filename, renamed)
+                for member in archive.infolist():
+                    renamed = STRICT.sub(rb"http://schemas.openxmlformats.org/\1/2006/", archive.read(member))
+                    written.writestr(member.filename, renamed)
         with copy if copy.tell() else path.open("rb") as file:  # since openpyxl checks the suffix of a name
             book = openpyxl.load_workbook(file, read_only=True, data_only=True)
             sheets = list(_texts(path, book.worksheets))
