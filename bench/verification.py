@@ -1,4 +1,4 @@
-"""Whether the accuracy in a run follows from the answers that are stored in it, judged again with nothing timed.
+"""Verification that the accuracies of a run follow from its stored answers, judged again without timing.
 
 The certificates are replayed from the data of the problems; the first answer of each row, and the worst judged timed
 one on the data of its draw, have to give the stored gaps, violations and errors of the model, and a worst one that
@@ -65,7 +65,7 @@ def verify_run(run: Run, progress: Progress = silent) -> Verified:
 
 
 def _wrong(problem: RaceProblem, row: dict[Any, Any]) -> Iterator[str]:
-    """What does not follow from the answers of a row."""
+    """The differences between a row and its answers."""
     if row["digest"] != problem.digest:
         yield "its digest does not match the stored problem"
         return

@@ -13,7 +13,7 @@ from solvers.arrays import Matrix, Vector, reals
 
 
 def require(valid: Callable[[Any], Any], what: str, /, **arguments: Any) -> None:
-    """Require arguments of which a condition holds, as of no True or False; ``what`` says it in words."""
+    """Require that a condition holds for each argument, never for True or False; ``what`` states it in words."""
     for name, value in arguments.items():
         plain = value.item() if isinstance(value, np.generic) else value  # single precision overflows beside LARGEST
         try:

@@ -143,7 +143,7 @@ class Dynamics:
         return self.stream(sample_time, level)(np.asarray(v, dtype=np.float64))
 
     def stream(self, sample_time: float, level: float | None = None) -> Stream:
-        """A filter of the consecutive parts of a signal as of :meth:`filter`."""
+        """A filter like :meth:`filter` for consecutive chunks of a signal."""
         whole, sections = self._sections(sample_time)
         return Stream([(np.concatenate([np.zeros(int(whole)), b]), a) for b, a in sections], level)
 
@@ -201,8 +201,8 @@ class Dynamics:
         return np.asarray(delay * sum(np.polyval(b[::-1], q) / np.polyval(a[::-1], q) for b, a in sections))
 
     def largest_gain(self, sample_time: float, inverted: Dynamics | None) -> float:
-        """Gain of integral action, per second, from which on a loop around the stage is unstable, behind the F of what
-        is inverted, if anything: where the open loop turns by half a circle, it amplifies by 1."""
+        """Stability limit of the gain of integral action, per second, of a loop around the stage behind the F of the
+        inverted dynamics, if any: the open loop then has the gain 1 at a phase of −180°."""
         near, half = np.sinh(np.linspace(-7.0, 7.0, 4001)), 0.5 / sample_time
         around = [f * (1.0 + zeta * near) for f, zeta in zip(self.frequencies_Hz, self.damping, strict=True)]
         f = np.concatenate([np.geomspace(1e-7, 0.5, 20_000) / sample_time, *around])
@@ -212,8 +212,8 @@ class Dynamics:
         loop = self.response(f, sample_time) * self._amplifier(f, sample_time) * sample_time * q / (1.0 - q)
         for D, R in inverted.pole_pairs(sample_time) if inverted else ():
             loop *= np.polyval(D[::-1], q) / np.polyval(R[::-1], q)
-        turned = np.append(loop.imag[:-1] * loop.imag[1:] <= 0.0, True)  # at half the sampling rate, too
-        least = float(np.min(loop.real[turned]))
+        crossings = np.append(loop.imag[:-1] * loop.imag[1:] <= 0.0, True)  # at half the sampling rate, too
+        least = float(np.min(loop.real[crossings]))
         return -1.0 / least if least < 0.0 else math.inf
 
     def anticipated(self, y: ArrayLike, sample_time: float, *, amplifier: bool = False) -> Vector:
@@ -263,7 +263,7 @@ class Dynamics:
         return ", ".join(word for word, applies in words.items() if applies)
 
     def _sections(self, sample_time: float) -> tuple[float, list[tuple[Vector, Vector]]]:
-        """Whole samples of the delay; numerator and denominator of each parallel part of G behind them, the last one
+        """Whole samples of the delay; numerator and denominator of each parallel section of G behind them, the last one
         with the residual compliance."""
         whole, fraction = divmod(self.delay_s / sample_time, 1.0)
         sections: list[tuple[Vector, Vector]] = []
@@ -285,7 +285,7 @@ def late(dynamics: Dynamics | None, delay_s: float) -> Dynamics | None:
 
 
 class Stream:
-    """Parallel filters, numerator and denominator of each with a_0 = 1, of the parts of a signal (N,) or of columns
+    """Parallel filters, numerator and denominator of each with a_0 = 1, for chunks of a signal (N,) or of columns
     (N, k), balanced before the first sample at a level, by default that sample."""
 
     def __init__(self, sections: Sequence[tuple[Vector, Vector]], level: float | None) -> None:
@@ -293,7 +293,7 @@ class Stream:
         self._states: list[Matrix] = []
 
     def __call__(self, v: Matrix) -> Matrix:
-        """The next part of the output."""
+        """The next chunk of the output."""
         if not len(v):
             return v
         x = np.ascontiguousarray(v).reshape(len(v), -1)

@@ -1,4 +1,4 @@
-"""What a data sheet says of an actuator, read from its model: gain, hysteresis, creep and offset.
+"""Data-sheet figures of an actuator, from its model: gain, hysteresis, creep and offset.
 
 Gain and hysteresis are those of the loop over the whole range of the input, without creep: the output's range by the
 input's, and the largest width of the loop by the output's range. Creep is what a step to 80 % of the range adds from t

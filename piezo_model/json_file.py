@@ -92,7 +92,7 @@ def convert(data: Any, schema: type[T]) -> T:
         raise ValueError(_sentence(error)) from None
     except RecursionError:
         raise ValueError("is nested too deeply") from None
-    except AttributeError:  # msgspec takes an array for a mapping, whose items it has not
+    except AttributeError:  # msgspec takes an array for a mapping, and fails on its items
         raise ValueError("has an array where fields are needed") from None
     if unknown:
         raise ValueError(f"there is no field {unknown!r}")
@@ -191,7 +191,7 @@ def _check_version(data: Any, schema: type[Versioned]) -> None:
 def _unknown(data: Any, known: Any) -> str:
     """Path of the first field of the data that the schema does not have."""
     if isinstance(known, dict) and not isinstance(data, msgspec.Struct):
-        for name, value in data.items():  # which an array has not
+        for name, value in data.items():  # which an array lacks
             if name not in known:
                 return str(name)
             if below := _unknown(value, known[name]):

@@ -292,17 +292,16 @@ class HysteresisCreepModel(Immutable):
 
     @property
     def seen(self) -> HysteresisCreepModel:
-        """The model as its sensor sees it, with the delay of that."""
+        """The model with the delay of its sensor."""
         return replace(self, dynamics=late(self.dynamics, self.sensor_delay_s), left_out=None, sensor_delay_s=0.0)
 
     def with_dynamics_of(self, other: HysteresisCreepModel) -> HysteresisCreepModel:
-        """These weights for the stage of another model: with its dynamics, and those that it is without."""
+        """These weights with the dynamics of another model, and those that it leaves out."""
         return replace(self, dynamics=other.dynamics, left_out=other.left_out, sensor_delay_s=other.sensor_delay_s)
 
     def require_stable(self, integral_gain: float, *, inverts: bool = True) -> float:
-        """The gain of integral action in 1/s from which on the loop is unstable beside the dynamics of the stage and
-        its sensor, also those that are left out of the model, infinite without any; ModelError if the gain is not
-        below it."""
+        """The stability limit of the gain of integral action, in 1/s, with the dynamics of the stage and its sensor,
+        also those that are left out of the model; infinite without any. ModelError if the gain is not below it."""
         inverted, dynamics = (
             self.dynamics if inverts else None,
             late(self.left_out or self.dynamics, self.sensor_delay_s),
@@ -319,7 +318,7 @@ class HysteresisCreepModel(Immutable):
 
     @property
     def warning(self) -> str:
-        """What speaks against a forced model, one without the dynamics of the stage, or one with a delay at another
+        """A warning for a forced model, one without the dynamics of the stage, and one with a delay at another
         sampling period; "" for any other model."""
         without = "the fastest modes, of which it has the static gain," if self.dynamics else "dynamics"
         left_out = self.left_out and f"the stage has {self.left_out}"
@@ -399,7 +398,7 @@ class HysteresisCreepModel(Immutable):
         return validate(self, recording)
 
     def figures(self) -> dict[str, tuple[float, float | None, float | None]]:
-        """What a data sheet says, by name: its value and the ends of its interval at 95 %, if there is one.
+        """Data-sheet figures by name: the value and the ends of its interval at 95 %, if there is one.
 
         Gain in output unit per input unit, hysteresis in % of the loop, creep in % a decade of time, and the offset in
         the input unit; see :mod:`piezo_model.figures`.

@@ -1,9 +1,9 @@
 """The structure of a model, everything but its weights: orders, thresholds, creep rates, ranges and units.
 
-Inside, amplitudes are of unit size, x̃ = (x − x_centre) / x_scale and ỹ = (y − y_centre) / y_scale, and thresholds
-are given in them; outside, everything is in the units of the user. An output that falls as the input rises has
-y_scale < 0, which turns its sign and nothing else. The unknowns of the identification (5), with
-w_H0 = 1, stand in this order:
+Inside, amplitudes and thresholds are in normalised units, x̃ = (x − x_centre) / x_scale and
+ỹ = (y − y_centre) / y_scale; outside, everything is in the units of the user. An output that falls as the input rises
+has y_scale < 0, which turns its sign and nothing else. The unknowns of the identification (5), with w_H0 = 1, stand in
+this order:
 
     w = (w_H1 … w_Hn,  w'_S,−m … w'_S0 … w'_Sm,  w_K0 … w_Kn,  [offset])        d = n + (2m + 1) + (n + 1) [+ 1]
 

@@ -16,7 +16,7 @@ from piezo_model import HysteresisCreepModel, atomic_file, deployment
 from piezo_model.learning.settings import Mode
 
 ModelArgument = Annotated[Path, typer.Argument(help="Model from identify, or compensator from deploy.")]
-DRIVE: dict[str, Any] = {
+CONTROL: dict[str, Any] = {
     "low": Annotated[
         float | None,
         typer.Option(metavar="X", help="Lowest drive; by default that of the compensator or the model's range."),
@@ -66,12 +66,12 @@ LOOP: dict[str, Any] = {
 }
 
 
-@grouped("drive", DRIVE)
+@grouped("control", CONTROL)
 @grouped("loop", LOOP)
 def export_c_verb(
     model: ModelArgument,
     folder: Annotated[Path, typer.Argument(help="New or empty folder for the source.")],
-    drive: dict[str, Any],
+    control: dict[str, Any],
     loop: dict[str, Any],
     no_dynamics: NoDynamics = False,
     name: Annotated[
@@ -80,7 +80,7 @@ def export_c_verb(
 ) -> None:
     """Write the compensator as C99 for a controller."""
 
-    loaded, settings = _opened(model, no_dynamics, name=name, **drive, **loop)
+    loaded, settings = _opened(model, no_dynamics, name=name, **control, **loop)
     files = c_source.export(loaded, settings, f"Compensator of {model.name}")
     building.write_folder(folder, files)
     learning = f"the self-learning loop ({settings.mode}, {settings.solver})"
@@ -91,17 +91,17 @@ def export_c_verb(
     )
 
 
-@grouped("drive", DRIVE)
+@grouped("control", CONTROL)
 def export_fmu_verb(
     model: ModelArgument,
     out: Annotated[Path, typer.Argument(help="File of the FMU to write.")],
-    drive: dict[str, Any],
+    control: dict[str, Any],
     fmi: Annotated[int, typer.Option(metavar="2|3", min=2, max=3, help="Major version of FMI.")] = 3,
     no_dynamics: NoDynamics = False,
 ) -> None:
     """Write the compensator as a Co-Simulation FMU, with a binary for this machine and the source."""
 
-    loaded, settings = _opened(model, no_dynamics, part="compensator", **drive)
+    loaded, settings = _opened(model, no_dynamics, part="compensator", **control)
     check_option(out.suffix == ".fmu", "out", f"{out} does not end in .fmu")
     if out.exists():
         raise ExportError(f"{out} already exists; name a new file")

@@ -24,7 +24,7 @@ OutDir = Annotated[
         "nothing is deleted.",
     ),
 ]
-AGAIN = "finished recordings are kept; run the same command to continue"
+CONTINUE_HINT = "finished recordings are kept; run the same command to continue"
 MOST_REFUSED = 12
 """Most lines about refused recordings on the first screen."""
 
@@ -70,10 +70,10 @@ def process(
             table, others = report.table_of(rows), fleet.products_of_others(job, rows, out)
             report.write(out, table)
     except KeyboardInterrupt:
-        errors.print(f"Interrupted; {AGAIN}.", soft_wrap=True)
+        errors.print(f"Interrupted; {CONTINUE_HINT}.", soft_wrap=True)
         raise
     except ChildProcessError as error:
-        raise RecordingError(f"{error}; {AGAIN}") from None
+        raise RecordingError(f"{error}; {CONTINUE_HINT}") from None
     refused = table[table.refused != ""]
     reasons = lines_of(refused.refused)
     if len(reasons) > MOST_REFUSED:

@@ -113,14 +113,14 @@ def identify_verb(
         process(job, recording or (), out_dir, workers, "gave a model", as_json, page)
         return
     only(context, (), out_dir)
-    places: list[Path | None] = [*map(Path, matching(recording or ()))] or [file]
-    check_option(page is None or len(places) == 1, "--page", "is for one recording; draw each with validate --page")
-    files = [path for place in places for path in files_of(place, reading)]
+    sources: list[Path | None] = [*map(Path, matching(recording or ()))] or [file]
+    check_option(page is None or len(sources) == 1, "--page", "is for one recording; draw each with validate --page")
+    files = [path for source in sources for path in files_of(source, reading)]
     check_writable(out, others=files)
     check_writable(page, "--page", [*files, out])
     several = []
-    for place in places:
-        several.append(Recording.open(place, **job.opening))
+    for source in sources:
+        several.append(Recording.open(source, **job.opening))
         if not as_json:
             console.print(several[-1].describe())
     with progress_bar() as progress:

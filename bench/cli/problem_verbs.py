@@ -75,7 +75,7 @@ def problems_verb(
             "needs problems; name a --set, or a folder with --from",
         )
         sets = [(name, _count(cls), cls.description) for name, cls in sorted(all_sets().items())]
-        of_sets = ("set", "problems", "purpose")
+        of_sets = ("set", "problems", "what it is for")
         print_result(by_heading(of_sets, sets), [], as_json, (of_sets, sets, 3))
         return
     if source is not None:

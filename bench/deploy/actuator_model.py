@@ -29,7 +29,7 @@ SENTENCES = {
     UNKNOWN: "On the last fifth of the recording its RMS error is {:.3g} % of the range; whether it was fitted to it "
     "is not known.",
 }
-"""What the error means, by what the last fifth is to the model."""
+"""Meaning of the error, by the role of the last fifth."""
 SIMULATED = "simulated"
 
 

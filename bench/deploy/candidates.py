@@ -47,7 +47,7 @@ from solvers import Lane, find
 
 QUANTILES = (0.999, 0.99, 0.5)
 """The first one for which every qualified candidate has enough calls decides."""
-UNSEEN = 0.01
+UNOBSERVED_SHARE = 0.01
 """Largest share of calls that unobserved delays may explain."""
 SHORTEST_US = 1e-3
 MOST_MISSES = 0.03
@@ -252,7 +252,7 @@ def explained(series: Sequence[Microseconds], calls: Microseconds, deadline_us: 
     K = n.size // b
     S = excess[: K * b].reshape(K, b).sum(axis=1)
     k = int(np.count_nonzero(T + S - np.median(S) > deadline_us))
-    most = math.ceil(min(rate_bound(k, K), k / K + UNSEEN) * calls.size)
+    most = math.ceil(min(rate_bound(k, K), k / K + UNOBSERVED_SHARE) * calls.size)
     return math.floor((1.0 - rate_bound(K - k, K)) * calls.size), most
 
 

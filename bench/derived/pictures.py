@@ -54,7 +54,7 @@ def work_precision(measurements: Measurements) -> pd.DataFrame:
     rows = measurements.lanes[measurements.lanes.start == "cold"]
     rows = ranking.with_pace(rows.assign(gap=distance(rows), own=measurements.is_own(rows)))
     tiers = measurements.settings[measurements.settings.tier.isin(ranking.ORDER)]
-    places = tiers.assign(place=tiers.tier.map([*ranking.ORDER].index)).groupby([*LANE, "setting"]).place.min()
+    ranks = tiers.assign(place=tiers.tier.map([*ranking.ORDER].index)).groupby([*LANE, "setting"]).place.min()
     table = (
         rows.assign(name=rows.name.mask(rows.own, rows.name + " (" + rows.lane + ")"))
         .groupby(["name", "scaling", "solver", "lane", "rung", "setting", "is_default", "own"])
@@ -65,7 +65,7 @@ def work_precision(measurements: Measurements) -> pd.DataFrame:
             settings=("settings", "first"),
         )
         .reset_index()
-        .join(places, on=[*LANE, "setting"])
+        .join(ranks, on=[*LANE, "setting"])
         .fillna({"place": len(ranking.ORDER)})
     )
     answered = np.isfinite(table.worst_gap) & (table.problems == table.problems.max())

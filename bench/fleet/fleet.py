@@ -120,20 +120,20 @@ def local(place: str) -> Path:
     return Path(os.path.abspath(place))
 
 
-def matching(places: Sequence[str]) -> list[str]:
+def matching(patterns: Sequence[str]) -> list[str]:
     """Paths, with patterns such as ``'*.parquet'``, of more files than a shell can pass, replaced by their matches."""
     paths: list[str] = []
-    for place in places:
-        if "*" not in place or local(place).exists():
-            paths.append(place)
-        elif matches := sorted(glob(place, recursive=True)):
+    for pattern in patterns:
+        if "*" not in pattern or local(pattern).exists():
+            paths.append(pattern)
+        elif matches := sorted(glob(pattern, recursive=True)):
             paths += matches
         else:
-            raise RecordingError(f"{place}: no file matches")
+            raise RecordingError(f"{pattern}: no file matches")
     return paths
 
 
-def names_of(places: Sequence[str]) -> list[str]:
+def names_of(recordings: Sequence[str]) -> list[str]:
     """Unique names for the products of files: their own without suffix, after as many parent folders as needed.
 
     Examples
@@ -141,14 +141,14 @@ def names_of(places: Sequence[str]) -> list[str]:
     >>> names_of(["a/left.csv", "a/right.csv"]), names_of(["1/stage.csv", "2/stage.csv"])
     (['left', 'right'], ['1--stage', '2--stage'])
     """
-    paths = [local(place).with_suffix("").parts[1:] for place in places]
+    paths = [local(recording).with_suffix("").parts[1:] for recording in recordings]
     for depth in range(1, max(map(len, paths)) + 1):
         names = ["--".join(path[-depth:]) for path in paths]
         if len(set(names)) == len(names):
             return names
     twice = next(i for i, path in enumerate(paths) if path in paths[:i])
     raise RecordingError(
-        f"{places[twice]}: its result would have the name of that of {places[paths.index(paths[twice])]}"
+        f"{recordings[twice]}: its result would have the name of that of {recordings[paths.index(paths[twice])]}"
     )
 
 

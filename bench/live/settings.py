@@ -72,7 +72,7 @@ class LiveSettings:
 
     def compensator(self) -> Compensator | SelfLearningCompensator:
         """The compensator, with its actuator at rest; SettingsError if no compensator can have these settings."""
-        drive: dict[str, Any] = {
+        options: dict[str, Any] = {
             "x_limits": self.declared.x_limits,
             "rate_limit": self.declared.rate_limit,
             "x_start": self.declared.rest,
@@ -80,10 +80,10 @@ class LiveSettings:
         }
         with checks.refusing(SettingsError, f"{self.name}: "):
             if self.learn == "off":
-                return Compensator(self.model, **drive)
+                return Compensator(self.model, **options)
             known = self.model if self.identified else None
             return SelfLearningCompensator(
-                self.model.structure, mode=self.learn, solver="box_active_set", model=known, **drive
+                self.model.structure, mode=self.learn, solver="box_active_set", model=known, **options
             )
 
     def tracking(self, samples: Matrix, last: int) -> tuple[Vector, str]:
@@ -100,7 +100,7 @@ class LiveSettings:
         return errors, f"Tracking error{after_lag} over the last {errors.size / self.rate:.3g} s: {rms} RMS."
 
     def out_of_reach(self) -> str:
-        """What of the reference the stage cannot follow by its first model, in a sentence; empty if it can."""
+        """A sentence if the stage cannot follow the reference by its first model; empty if it can."""
         up, y_ref = np.linspace(*self.declared.x_limits, SWEPT), self.reference
         y = self.model.static.simulate(np.concatenate([up, up[::-1]]))
         if max(y.min() - y_ref.min(), y_ref.max() - y.max()) <= BEYOND * np.ptp(y):

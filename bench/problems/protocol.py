@@ -357,5 +357,5 @@ class ProblemSet(ABC):
         return None
 
     def digests(self) -> dict[str, str]:
-        """For a set made of one recording, by the digest of data: what its last fifth is to a model fitted to them."""
+        """For a set made of one recording, by the digest of fitted data: whether its last fifth was held out."""
         return {}

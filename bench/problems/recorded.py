@@ -98,7 +98,7 @@ class Recorded(ProblemSet):
         return identify(self._whole, dynamics="ignore"), self._of_fitted.validate(self._split[1]).fit.rms_percent
 
     def digests(self) -> dict[str, str]:
-        """What the unseen part is to a model of the fitted part and to one of the whole recording."""
+        """Whether the unseen part was held out from a model of the fitted part, and from one of the whole recording."""
         return {self._split[0].digest(): HELD_OUT, self._whole.digest(): FITTED}
 
     def problems(self) -> Iterator[RaceProblem]:

@@ -70,9 +70,9 @@ def described_by(run: Run, pool: SolverPool) -> list[Described]:
     """The solvers, described where they run. RaceError if one has another version than in the run: resumed or spread
     over machines, a run has one version of each solver lane."""
     described = [child.describe() for child in pool.children.values() if child.entry is not null_solver.ENTRY]
-    noted = run.settings.get("lanes", {})
+    recorded = run.settings.get("lanes", {})
     for solver in described:
-        was = noted.get(lane := f"{solver.name} ({solver.lane})", solver.version)
+        was = recorded.get(lane := f"{solver.name} ({solver.lane})", solver.version)
         if not solver.absent and _release(was) != _release(solver.version):
             raise RaceError(
                 f"{run.path} raced {lane} in version {was}, and {os.uname().nodename} has {solver.version}; begin a "
@@ -93,8 +93,8 @@ def lanes_here(run: Run, pool: SolverPool) -> list[Described]:
     lanes = [solver for solver in described if not solver.absent]
     versions = {f"{solver.name} ({solver.lane})": solver.version for solver in lanes}
     absent = {f"{solver.name} ({solver.lane})": solver.absent for solver in described if solver.absent}
-    noted = before.get("lanes", {})
-    same = {lane: was for lane, was in noted.items() if _release(was) == _release(versions.get(lane, was))}
+    recorded = before.get("lanes", {})
+    same = {lane: was for lane, was in recorded.items() if _release(was) == _release(versions.get(lane, was))}
     own = {  # 1e-9 at the finest: rungs may ask for more than rounding allows
         f"{solver.name} ({solver.lane})": 10.0 ** (1 - min((10.0, *solver.exponents[-1:])))
         for solver in described

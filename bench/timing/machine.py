@@ -47,13 +47,13 @@ def describe() -> dict[str, Any]:
 
 
 def key(described: Mapping[str, Any]) -> str:
-    """What the rows that a machine made know it by: the same as long as machine, versions and instruction set are."""
+    """Key of a machine in the rows that it made: the same as long as machine, versions and instruction set are."""
     lasting = {name: value for name, value in described.items() if name not in ("load_at_start", "warnings")}
     return hashlib.sha256(json.dumps(lasting, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def environment() -> dict[str, str]:
-    """What a later run is compared by: the commit of the checkout, all installed packages, the libraries of
+    """Properties by which a later run is compared: the commit of the checkout, all installed packages, the libraries of
     linear algebra, and the settings of the processor; "" for what is not known."""
     settings = {
         "governor": CPU / "cpu0/cpufreq/scaling_governor",

@@ -1,4 +1,4 @@
-"""Recordings of an actuator: files of any format, read once into two arrays, repaired where that is safe, and said.
+"""Recordings of an actuator: files of any format, read once into two arrays, repaired where that is safe.
 
 path
  │   formats.open_tables  first bytes → one reader a format, which checks sizes before it reads

@@ -56,7 +56,7 @@ def table_of(path: Path | str, contents: Arrays) -> Table:
         shape, in_rows = batch
         arrays = {name: _joined(np.squeeze(array), shape, in_rows) for name, array in read(arrays).items()}
         form = f"{form}, a batch of {shape[not in_rows]} recordings of {shape[in_rows]} samples"
-    columns, places = [], []
+    columns, sources = [], []
     for name, array in arrays.items():
         period = contents.periods.get(name) if isinstance(contents.periods, Mapping) else contents.periods
         if period is not None:
@@ -74,13 +74,13 @@ def table_of(path: Path | str, contents: Arrays) -> Table:
                     sample_time=period,
                 )
             )
-            places.append((name, label))
+            sources.append((name, label))
             if len(columns) > MOST_COLUMNS:
                 raise RecordingError(f"{path}: has more than {MOST_COLUMNS} columns, the limit for a recording")
     unread = [
         f"{printable(name or 'array')!r} ({' x '.join(map(str, array.shape)) or 'one value'}, {array.dtype.name})"
         for name, array in arrays.items()
-        if all(name != of for of, _ in places) and (array.ndim > 2 or array.dtype.kind == "c")
+        if all(name != of for of, _ in sources) and (array.ndim > 2 or array.dtype.kind == "c")
     ][:MOST_AXES]
     if not columns:
         raise RecordingError(
@@ -90,9 +90,9 @@ def table_of(path: Path | str, contents: Arrays) -> Table:
     form += f", without {', '.join(unread)}" * bool(unread)
 
     def batches(at: Sequence[int]) -> Iterator[Sequence[Any]]:
-        chosen = read(places[k][0] for k in at)
+        chosen = read(sources[k][0] for k in at)
         values = {(name, label): values for name in chosen for label, values in _columns(name, chosen[name])}
-        yield [values[places[k]] for k in at]
+        yield [values[sources[k]] for k in at]
 
     return Table(path, form, tuple(columns), batches)
 

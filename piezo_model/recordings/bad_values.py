@@ -131,7 +131,7 @@ def fill(rows: Rows) -> None:
 
 
 def count_fresh(rows: Rows) -> None:
-    """Count an output that is held for equally many rows while the drive moves only where it is measured anew."""
+    """Count an output that is held for equally many rows, while the drive moves, only where it changes."""
     if len(rows.signals) < 2 or rows.length < LEAST_ROWS:
         return
     drive, output = (np.diff(signal[:SHOWN]) for signal in rows.signals)

@@ -1,6 +1,6 @@
-"""From a file to even samples: the table of its format, the roles of its columns, the selected rows, what is
-wrong with them, which is repaired where that is safe, and said, or refused with its row, and a question where the
-numbers cannot be in their units.
+"""From a file to even samples: the table of its format, the roles of its columns, the selected rows, and their
+faults, which are repaired where that is safe, and reported, or refused with the row; and a question where the numbers
+cannot be in their units.
 
 The repairs in order: unknown values (`bad_values`), the order of rows, parts and repeated stamps (`rows`), the clock
 (`clock`), isolated bad samples (`bad_values`), and an even clock by linear interpolation,

@@ -1,4 +1,4 @@
-"""What the user says about a file because the file does not say it, the same options for every way to open one."""
+"""Options for what a file does not state, the same for every way to open one."""
 
 from dataclasses import dataclass
 
