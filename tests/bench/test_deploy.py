@@ -18,7 +18,7 @@ from pyarrow import parquet
 from small_races import Race, raced
 
 from bench.deploy.actuator_model import model_for
-from bench.deploy.candidates import QUANTILES, UNSEEN, Candidate, Rule, explained
+from bench.deploy.candidates import QUANTILES, UNOBSERVED_SHARE, Candidate, Rule, explained
 from bench.deploy.decision import Decision, decide
 from bench.derived.measurements import Measurements
 from bench.derived.summary import summary
@@ -184,10 +184,10 @@ SELDOM_LATE = np.where(np.isin(np.arange(3000), (10, 700, 2000)), 80.5, 0.5)
 @pytest.mark.parametrize(
     ("series", "answers", "expected"),
     [
-        ([SELDOM_LATE], np.full(1000, 0.5), math.ceil(min(UNSEEN, rate_bound(0, 3000)) * 1000)),
+        ([SELDOM_LATE], np.full(1000, 0.5), math.ceil(min(UNOBSERVED_SHARE, rate_bound(0, 3000)) * 1000)),
         pytest.param([np.full(500, 0.4), np.full(500, 0.8)], np.full(3000, 124.0), 30, id="each series has its level"),
-        ([SELDOM_LATE], np.full(1000, 10.0), math.ceil(min(UNSEEN, rate_bound(0, 150)) * 1000)),
-        ([SELDOM_LATE], np.full(1000, 50.0), math.ceil(1000 * min(3 / 30 + UNSEEN, rate_bound(3, 30)))),
+        ([SELDOM_LATE], np.full(1000, 10.0), math.ceil(min(UNOBSERVED_SHARE, rate_bound(0, 150)) * 1000)),
+        ([SELDOM_LATE], np.full(1000, 50.0), math.ceil(1000 * min(3 / 30 + UNOBSERVED_SHARE, rate_bound(3, 30)))),
         pytest.param([np.full(30, 1.0)], np.full(3000, 30.0), 30, id="unseen: one in a hundred at most"),
         pytest.param([np.full(100, 500.0)], np.full(100, 126.0), 0, id="the median is late"),
         pytest.param([], np.full(100, 1.0), 0, id="the floor was not measured"),

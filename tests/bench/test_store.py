@@ -169,7 +169,7 @@ def test_only_one_process_may_work_on_a_run(clean_race: Race, piezobench: Comman
 
 @pytest.mark.parametrize("name", ["", ".", "..", "a/b", "/tmp/a", ".hidden"])
 def test_a_run_is_named_like_one_folder(tmp_path: Path, name: str) -> None:
-    with pytest.raises(RunError, match="the name of one folder"):
+    with pytest.raises(RunError, match="the name of a run must be one line"):
         Run.create(tmp_path / "results", {}, name)
     assert not list(tmp_path.iterdir())
 
