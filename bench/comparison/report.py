@@ -145,7 +145,7 @@ def sentences(comparison: Comparison) -> list[str]:
         ),
         f"{count} solver lane{'s fail' if count > 1 else ' fails'} on common problems: {_named(comparison.failed)}",
     ][: None if count else -1]
-    same = f"no {'detectable ' if comparison.cannot_tell else ''}difference in {solver_lanes(lanes)}"
+    same = f"no difference{' detected' if comparison.cannot_tell else ''} in {solver_lanes(lanes)}"
     noise = joined(
         f"{100.0 * deviation:.1f} % {timed}"
         for timed, deviation in comparison.field.deviation.items()

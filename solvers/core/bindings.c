@@ -30,9 +30,9 @@ static void refuse_argument(Arguments *a, const char *why)
     FAIL(a, PyExc_ValueError, "%s: argument %d %s", a->signature, a->parsed, why);
 }
 
-static const char *take_number(Arguments *a, PyObject *object, Value *value, const char *at)
+static const char *take_number(Arguments *a, PyObject *given, Value *value, const char *at)
 {
-    value->number = PyFloat_AsDouble(object);
+    value->number = PyFloat_AsDouble(given);
     a->failed = value->number == -1.0 && PyErr_Occurred() != NULL;
     return at;
 }

@@ -508,7 +508,7 @@ def edited_races(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFacto
 
 
 @pytest.mark.parametrize(
-    ("name", "status", "says"), [("same", 4, "no detectable"), ("wrong", 3, "tiers are lost"), ("nan", 3, "lane fails")]
+    ("name", "status", "says"), [("same", 4, "no difference"), ("wrong", 3, "tiers are lost"), ("nan", 3, "lane fails")]
 )
 def test_an_edited_file_meets_its_version_before_and_is_judged(
     piezobench: CommandLine, edited_races: Path, name: str, status: int, says: str
