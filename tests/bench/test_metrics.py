@@ -143,4 +143,4 @@ def test_duals_of_another_shape_are_a_failure_of_the_adapter(name: str) -> None:
     x = np.array(problem.forms["scaled"].certificate.x)
     ours = judged(problem, "scaled", answered(x, **{name: np.zeros(7)}))
     assert ours.status == Status.ADAPTER_FAILED
-    assert f"duals {name} are of shape (7,)" in ours.message
+    assert ours.message.startswith(f"duals {name}: expected shape") and ours.message.endswith("got (7,)")

@@ -101,7 +101,7 @@ def test_a_sample_whose_range_covers_the_percentile_is_enough_and_one_value_less
 
 @pytest.mark.parametrize("q", [0.0, 1.0, -0.1, 99.9])
 def test_a_percentile_is_a_share_between_zero_and_one(q: float) -> None:
-    with pytest.raises(ValueError, match="between 0 and 1 as a share"):
+    with pytest.raises(ValueError, match="must be between 0 and 1"):
         needed(q)
 
 
