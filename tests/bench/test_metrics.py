@@ -1,6 +1,5 @@
 """The judge: residuals by the definitions of qpsolvers, and statuses from the problem's data alone."""
 
-import re
 from dataclasses import replace
 
 import numpy as np
