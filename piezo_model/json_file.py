@@ -67,7 +67,7 @@ def decoded(text: str | bytes, schema: type[T]) -> T:
     except msgspec.ValidationError as error:
         raise ValueError(_sentence(error)) from None
     except (ValueError, RecursionError) as error:
-        raise ValueError(f"is not a complete JSON file ({error})") from None
+        raise ValueError(f"is not a whole JSON file ({error})") from None
     return convert(data, schema)
 
 

@@ -204,7 +204,7 @@ def with_column(name: str, value: object) -> Callable[[Path], object]:
 @pytest.mark.parametrize(
     ("file", "spoil", "message"),
     [
-        ("run.json", lambda path: path.write_text("{"), "is not a complete JSON file"),
+        ("run.json", lambda path: path.write_text("{"), "is not a whole JSON file"),
         ("run.json", lambda path: path.write_text("[]"), "expected `object`, got `array`"),
         ("run.json", with_field(("race",), '"batch"'), "there is no field 'race'"),
         ("run.json", with_field(("settings",), '"x"'), "the field 'settings' is wrong: expected `object`, got `str`"),

@@ -84,20 +84,20 @@ def samples(*levels: float) -> pd.DataFrame:
         pytest.param(
             (1.0, 1.0, 1.0, 1.25, 0.95),
             [
-                r"^The speed of the machine drifted: of 5 timings.*by -5 % to \+25 % from the median of all",
+                r"^The speed of the machine drifted: of 5 timings.*by -5 % to \+25 % from that of all",
                 "in 20 % of 5 trials",
             ],
             id="more than a tenth",
         ),
         pytest.param(
             (*[1.0] * 20, *[1.6] * 21, *[1.0] * 10),
-            ["from the median of all", "in 41 % of 51 trials, up to 60 % longer"],
+            ["from that of all", "in 41 % of 51 trials, at most 60 % longer"],
             id="slow half of the time",
         ),
         pytest.param([1.9 if i % 25 == 12 else 1.0 for i in range(100)], [], id="few slow moments"),
         pytest.param(
             [1.9 if i % 5 == 2 else 1.0 for i in range(100)],
-            ["over 10 % longer than when undisturbed in 20 % of 100 trials, up to 90 % longer"],
+            ["over 10 % longer than when undisturbed in 20 % of 100 trials, at most 90 % longer"],
             id="many slow moments without drift",
         ),
     ],

@@ -504,9 +504,9 @@ def test_every_verb_that_takes_a_model_takes_a_compensator_of_deploy(
     ("words", "message"),
     [
         (["export-c", "nothing.json", "c"], "nothing.json: there is no such file"),
-        (["export-c", "broken.json", "c"], "is not a complete JSON file"),
+        (["export-c", "broken.json", "c"], "is not a whole JSON file"),
         (["export-c", "invalid.json", "c"], "w_H[0] must be positive"),
-        (["export-c", "stage.csv", "c"], "stage.csv: is not a complete JSON file"),
+        (["export-c", "stage.csv", "c"], "stage.csv: is not a whole JSON file"),
         (["export-c", "model.json", "full"], "holds it.fmu already; name a new or an empty folder"),
         (["export-c", "model.json", "model.json"], "is a file; name a new folder"),
         (["export-c", "model.json", "nowhere/c"], "nowhere does not exist"),

@@ -192,7 +192,7 @@ def test_blocks_of_samples_and_threads_change_no_bit(threads: int) -> None:
 def test_a_truncated_bank_file_is_refused(tmp_path: Path) -> None:
     CompensatorBank(STRUCTURE, 13).save(tmp_path / "bank.json")
     (tmp_path / "bad.json").write_bytes((tmp_path / "bank.json").read_bytes()[:5000])
-    with pytest.raises(ModelError, match=r"bad\.json: is not a complete JSON file"):
+    with pytest.raises(ModelError, match=r"bad\.json: is not a whole JSON file"):
         CompensatorBank.load(tmp_path / "bad.json")
     with pytest.raises(ModelError, match=r"bank\.json: does not hold a whole compensator: there is no field"):
         SelfLearningCompensator.load(tmp_path / "bank.json")

@@ -204,8 +204,8 @@ def spoil(change: Callable[[dict[str, Any]], Any]) -> Callable[[str], str]:
 @pytest.mark.parametrize(
     ("spoiled", "sentence"),
     [
-        (lambda text: text[: len(text) // 2], "is not a complete JSON file"),
-        (lambda text: "", "is not a complete JSON file"),
+        (lambda text: text[: len(text) // 2], "is not a whole JSON file"),
+        (lambda text: "", "is not a whole JSON file"),
         (lambda text: "[1, 2]", "the format field is not 'piezobench-model'"),
         (lambda text: '{"format": "GeoJSON"}', "the format field is not 'piezobench-model'"),
         (spoil(lambda data: data.update(version=99)), "version 99 is not 1 or 2 or 3, the ones this program reads"),
@@ -244,9 +244,9 @@ def spoil(change: Callable[[dict[str, Any]], Any]) -> Callable[[str], str]:
             r"w_S_inverse must have 6 values for this structure, not shape "
             r"\(5,\)",
         ),
-        (spoil(lambda data: data["w_K"].__setitem__(2, math.nan)), "is not a complete JSON file"),
-        (spoil(lambda data: data.update(offset=math.inf)), "is not a complete JSON file"),
-        (spoil(lambda data: data["structure"].update(y_scale=math.nan)), "is not a complete JSON file"),
+        (spoil(lambda data: data["w_K"].__setitem__(2, math.nan)), "is not a whole JSON file"),
+        (spoil(lambda data: data.update(offset=math.inf)), "is not a whole JSON file"),
+        (spoil(lambda data: data["structure"].update(y_scale=math.nan)), "is not a whole JSON file"),
         (spoil(lambda data: data["w_K"].__setitem__(0, 10**400)), "out of range"),
         (spoil(lambda data: data["w_H"].__setitem__(3, -0.1)), r"w_H\[3\] must not be negative, not -0.1"),
         (spoil(lambda data: data["w_K"].__setitem__(0, -1e-9)), r"w_K\[0\] must not be negative, not -1e-09"),
@@ -283,7 +283,7 @@ def test_a_file_that_is_absent_a_folder_or_binary_is_refused_by_its_name(tmp_pat
     for name, sentence in (
         ("absent.json", "there is no such file"),
         ("", "cannot be read"),
-        ("binary.json", "not a complete JSON"),
+        ("binary.json", "not a whole JSON"),
     ):
         with pytest.raises(ModelError, match=sentence) as caught:
             HysteresisCreepModel.load(tmp_path / name)
