@@ -63,22 +63,22 @@ class Review:
 def review(recording: Recording, model: HysteresisCreepModel, validation: Validation | None = None) -> Review:
     """Review the fit of a recording, with the start, skip and lag of its identification, or a validation."""
     s, report = model.structure, model.report
-    shown, shift = recording.head(LONGEST).in_units(s.input_unit, s.output_unit), 0.0
+    part, shift = recording.head(LONGEST).in_units(s.input_unit, s.output_unit), 0.0
     if validation is not None:
         states, skip, shift = validation.states, validation.fit.skipped, validation.shift
         sentences = tuple(validation.sentences())
     else:
         states, skip = start_and_transient(model, recording)
         sentences = tuple(report["sentences"])
-    shown = replace(shown, y=shown.y - shift)
-    states = states[: len(shown.starts)]
-    problem = accumulate(shown, counted_from(shown, skip), s, states, Solving())
+    part = replace(part, y=part.y - shift)
+    states = states[: len(part.starts)]
+    problem = accumulate(part, counted_from(part, skip), s, states, Solving())
     known = (report.get("intervals") or {}).get("weights") or [None] * s.d
     return Review(
         model,
-        shown.x,
-        shown.y,
-        simulate(s, model.arrays, shown, states, model.seen.dynamics),
+        part.x,
+        part.y,
+        simulate(s, model.arrays, part, states, model.seen.dynamics),
         skip,
         _weights(problem, model.weights, known),
         (*sentences, *(f"{remark[0].upper()}{remark[1:]}." for remark in recording.notes)),
