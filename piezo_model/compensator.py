@@ -34,8 +34,6 @@ the correction of integral action; the last reference given; 1 or -1 if the limi
 flush next."""
 DECAY = 5
 """Entry of the drive's settings (``DriveSettings``): the factor by which a transfer bump decays for each sample."""
-OPERATORS = ("play_thresholds", "dead_zone_thresholds", "creep_rates", "sample_time")
-"""What another model must have in common to be of the same learner."""
 
 
 class CompensatorState(TypedDict):
@@ -127,7 +125,9 @@ class Compensator(Stateful):
     ) -> None:
         checks.instance(HysteresisCreepModel, model=model)
         checks.flags(0, dynamics=dynamics)
-        self.learns, self._inverts, self._model = False, bool(dynamics), model
+        self._inverts, self._model = bool(dynamics), model
+        self.learner_structure: ModelStructure | None = None
+        """The only structure that it takes, that of its learner; None if it has none."""
         s = model.structure
         x_limits = s.x_range if x_limits is None else x_limits
         checks.require(lambda pair: pair[0] < pair[1], "two numbers in ascending order", x_limits=x_limits)
@@ -154,10 +154,8 @@ class Compensator(Stateful):
         OperatorState.check_fits(state, s)
         prefilter = Prefilter(model.dynamics if self._inverts else None, s.sample_time)
         shape = *s.shape, prefilter.modes, prefilter.ring
-        if self.learns and (
-            shape != self.shape or any(getattr(s, name) != getattr(self._model.structure, name) for name in OPERATORS)
-        ):
-            raise ValueError("the model or state is that of other operators or dynamics than the learner has")
+        if self.learner_structure and (shape != self.shape or s != self.learner_structure):
+            raise ValueError("the model or state is that of another structure or other dynamics than the learner has")
         core = State(bindings.compensator_bytes(*shape), lambda block: bindings.compensator_setup(block, *shape))
         write_operators(core, s, s.dead_zone_thresholds)
         core["settings"][:] = drive_settings(s, self._rate_limit, decay, self._integral_gain)

@@ -12,7 +12,6 @@ limits for any input, and learning pauses at a sensor fault and resumes by itsel
 import math
 from collections import deque
 from collections.abc import Callable, Mapping
-from copy import copy
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Self, TypedDict
@@ -212,7 +211,7 @@ class SelfLearningCompensator(Stateful):
         write_slope_regressors(self._core, s)
         self._driven = DrivenRange() if self._cyclic else DrivenRange(round(PIECE_S / CHECKPOINT_S))
         compensator.set_blend_time(settings.blend_time_s)
-        compensator.learns = True
+        compensator.learner_structure = s
         self._begin(compensator.state, resets=True)
 
     @property
@@ -358,15 +357,10 @@ class SelfLearningCompensator(Stateful):
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue, to the last bit, from the :meth:`get_state` of a compensator of the same settings."""
-        saved, trial = json_file.convert(state, SavedState), copy(self.compensator)
-        trial.restore(saved["compensator"])
-        driven = replace(saved["learning"]["driven"], per_piece=self._driven.per_piece)
+        resumed, compensator = self._resumed(self.settings, state), self.compensator
         with self._core.exclusive():
-            self._core.restore(saved["learning"]["core"], bindings.learner_restore)
-            self.compensator.restore(saved["compensator"])
-            self._core["noise_gains"][:] = self.compensator.prefilter.noise_gains
-            self.log, self._driven, self._last_x = deque(saved["log"], LOG_LENGTH), driven, saved["last_x"]
-            self.problem = self._gathered() if self._cyclic and self.phase is Phase.LEARN else None
+            vars(compensator).update(vars(resumed.compensator))
+            vars(self).update(vars(resumed), compensator=compensator)
 
     def save(self, path: str | Path) -> None:
         """Write settings and state as JSON, at any time; the file is replaced as a whole."""
@@ -392,7 +386,14 @@ class SelfLearningCompensator(Stateful):
                 raise ValueError(
                     f"{path} resumes with the settings it was saved with, so {sorted(options)[0]} must not be given"
                 )
-            return cls._resumed(path)
+            fields, state = read_learner(path)
+            with checks.refusing(ModelError, f"{path}: does not hold a whole compensator: "):
+                settings = json_file.convert(fields, LearningSettings)
+                given = {**(settings.solver_options or {}), "lane": "", "setting": ""}
+                # a library could take a text for the name of a file to write
+                if texts := [name for name, value in given.items() if value and isinstance(value, str | list | dict)]:
+                    raise ValueError(f"the solver's option {texts[0]} is no number, and a file sets only numbers")
+                return cls._resumed(settings, state)
         deployment = Deployment.load(path)
         options = {
             "solver": deployment.solver,
@@ -406,18 +407,18 @@ class SelfLearningCompensator(Stateful):
             return cls(deployment.model.structure, **options)
 
     @classmethod
-    def _resumed(cls, path: str | Path) -> Self:
-        fields, state = read_learner(path)
-        with checks.refusing(ModelError, f"{path}: does not hold a whole compensator: "):
-            settings = json_file.convert(fields, LearningSettings)
-            options = {**(settings.solver_options or {}), "lane": "", "setting": ""}
-            # a library could take a text for the name of a file to write
-            if texts := [name for name, value in options.items() if value and isinstance(value, str | list | dict)]:
-                raise ValueError(f"the solver's option {texts[0]} is no number, and a file sets only numbers")
-            model = HysteresisCreepModel.from_file(json_file.convert(state, SavedState)["compensator"]["model"])
-            learner = cls(model.structure, **asdict(settings), model=model)
-            learner.restore(state)
-            return learner
+    def _resumed(cls, settings: LearningSettings, state: Mapping[str, Any]) -> Self:
+        """A compensator of these settings that continues from a state."""
+        saved = json_file.convert(state, SavedState)
+        model = HysteresisCreepModel.from_file(saved["compensator"]["model"])
+        learner = cls(model.structure, **vars(settings), model=model)
+        learner.compensator.restore(saved["compensator"])
+        learner._core.restore(saved["learning"]["core"], bindings.learner_restore)
+        learner._core["noise_gains"][:] = learner.compensator.prefilter.noise_gains
+        learner._driven = replace(saved["learning"]["driven"], per_piece=learner._driven.per_piece)
+        learner.log, learner._last_x = deque(saved["log"], LOG_LENGTH), saved["last_x"]
+        learner.problem = learner._gathered() if learner._cyclic and learner.phase is Phase.LEARN else None
+        return learner
 
     def _begin(self, state: OperatorState, resets: bool) -> None:
         """Begin to learn from the compensator's model and these states of the operators."""
@@ -518,6 +519,7 @@ class SelfLearningCompensator(Stateful):
         self._memory["level"] *= (old.x_scale / new.x_scale) ** 2
         learned = HysteresisCreepModel.from_weights(old, self.learned_weights)  # which may not be handed over yet
         model = carried_over(learned, new).with_dynamics_of(self.model)
+        self.compensator.learner_structure = new
         self.compensator.change_model(model, self.settings.blend_time_s)
         self._begin(state, resets=False)
         self._note("range", "the thresholds follow the range that was driven")

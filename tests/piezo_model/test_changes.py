@@ -32,6 +32,7 @@ SHAKY = replace(true_model(S), dynamics=Dynamics((40.0,), (0.002,), (1.0,), T))
 NAN, GAIN = np.nan, 30.0
 MODE = Dynamics((200.0,), (0.02,), (1.0,), T)
 UNSTABLE = replace(MODEL, sensor_delay_s=60.0 * T)
+OF_OTHER_RANGES = replace(MODEL, structure=replace(S, x_scale=2.0 * S.x_scale, y_centre=1.0))
 
 
 def states(**wrong: Any) -> OperatorState:
@@ -86,6 +87,7 @@ VALUES: dict[str, Any] = {
     "a model of fewer thresholds": true_model(structure(n=2, sample_time=T)),
     "a model of another period": true_model(structure(sample_time=2.0 * T)),
     "a model of other creep": true_model(structure(sample_time=T, creep_rates=(3.0,))),
+    "a model of other ranges": OF_OTHER_RANGES,
     "a model of a stage too late": UNSTABLE,
     "a model that would ring": SHAKY.static,
     "a model of two modes": replace(MODEL, dynamics=Dynamics((200.0, 300.0), (0.02, 0.02), (0.5, 0.5), T)),
@@ -99,7 +101,7 @@ Ways = dict[str, tuple[Callable[[Any, Any], Any], set[str]]]
 """How to change a controller, and which of the values are right."""
 OF_COMPENSATOR: Ways = {
     "state": (lambda c, v: setattr(c, "state", v), set()),
-    "model": (lambda c, v: c.change_model(v), {"a model of two modes"}),
+    "model": (lambda c, v: c.change_model(v), {"a model of two modes", "a model of other ranges"}),
     "blend": (lambda c, v: c.change_model(c.model, v), set()),
     "blend time": (lambda c, v: c.set_blend_time(v), set()),
     "references": (lambda c, v: c.run(v), {"none", "three", "no numbers", "descending"}),
@@ -111,6 +113,7 @@ OF_LEARNER: Ways = {
         for name, (change, _) in OF_COMPENSATOR.items()
         if name in ("state", "model", "blend")
     },
+    "its compensator's ranges": (lambda c, v: c.compensator.restore(Compensator(OF_OTHER_RANGES).get_state()), set()),
     "actuator": (lambda c, v: c.run([1.0, 2.0], v), set()),
     "an endless drive": (lambda c, v: c.observe([np.inf], [0.0]), set()),
     "outputs of other drives": (lambda c, v: c.observe([1.0], [0.0, 1.0]), set()),
