@@ -45,7 +45,7 @@ from piezo_model.model import HysteresisCreepModel, ModelError
 from piezo_model.operator_state import OperatorState
 from piezo_model.regressors import full_gram, write_slope_regressors
 from piezo_model.structure import ModelStructure
-from solvers.arrays import Vector
+from solvers.arrays import Vector, reals
 
 LOG_LENGTH = 1000
 """Number of events kept."""
@@ -292,7 +292,8 @@ class SelfLearningCompensator(Stateful):
         """Close the loop over an actuator, a function from drive samples to output samples that keeps its state.
 
         Returns the same bits as ``step`` sample by sample, in chunks that end where the weights may change. The output
-        of a preceding ``step`` counts as missing.
+        of a preceding ``step`` counts as missing, and so do the outputs of a chunk in which the actuator raises an
+        exception.
 
         Returns
         -------
@@ -304,13 +305,15 @@ class SelfLearningCompensator(Stateful):
         if self._last_x is not None:
             self.observe([self._last_x], [np.nan])
             self._last_x = None
-        x, y = np.empty(y_ref.size), np.empty(y_ref.size)
+        x, y = np.empty(y_ref.size), np.full(y_ref.size, np.nan)
         done = 0
         while done < y_ref.size:
             chunk = slice(done, min(done + self.samples_until_change(), y_ref.size))
             x[chunk] = self.drive(y_ref[chunk])
-            y[chunk] = actuator(x[chunk])
-            self.observe(x[chunk], y[chunk])
+            try:
+                y[chunk] = reals("the output of the actuator", actuator(x[chunk]))
+            finally:
+                self.observe(x[chunk], y[chunk])
             done = chunk.stop
         return x, y
 

@@ -6,6 +6,7 @@ import pickle
 import re
 import time
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import asdict, replace
 from itertools import pairwise
 from pathlib import Path
@@ -74,6 +75,37 @@ def test_runs_and_replays_equal_single_steps_bit_for_bit(
     np.testing.assert_array_equal(y, before[1:])
     np.testing.assert_array_equal(x, make(*options).replay(y_ref, np.array(before[:-1])))
     assert {"hand-over", *(["range"] if make is narrow else [])} <= {event.what for event in stepped.log}
+
+
+@pytest.mark.parametrize("integral_gain", [0.0, 20.0])
+@pytest.mark.parametrize(("mode", "solver"), WAYS)
+def test_an_actuator_that_fails_in_a_run_leaves_the_state_that_steps_without_its_outputs_leave(
+    mode: str, solver: str, integral_gain: float
+) -> None:
+    one, given, before = sensor(), [], [math.nan]
+    y_ref = steps(one, 4.0)
+
+    def unplugged(x: np.ndarray) -> np.ndarray:
+        given.extend(x)
+        if len(given) > 3000:
+            raise OSError("unplugged")
+        before.extend(one.run(x))
+        return np.array(before[-x.size :])
+
+    ran, stepped = (learner_for(one, mode, solver, build_s=1.0, integral_gain=integral_gain) for _ in range(2))
+    with pytest.raises(OSError, match="unplugged"):
+        ran.run(y_ref, unplugged)
+    before += [math.nan] * (len(given) - len(before))
+    assert given == [stepped.step(*sample) for sample in zip(y_ref.tolist(), before, strict=False)]
+    stepped.run([], unplugged)  # the output of the last step is missing, too
+    with pytest.raises(ValueError, match="the output of the actuator must be made of real numbers, and not of list"):
+        ran.run(y_ref[:1], lambda x: [None])  # type: ignore[list-item, return-value]
+    stepped.observe(stepped.drive(y_ref[:1]), [math.nan])
+    for part in ("compensator", "last_x", "log"):
+        np.testing.assert_equal(ran.get_state()[part], stepped.get_state()[part])
+    again = deepcopy(one)
+    np.testing.assert_array_equal(ran.run(y_ref, one.run), stepped.run(y_ref, again.run))
+    assert ran.counts == stepped.counts
 
 
 def test_equal_learners_have_the_same_bytes_regardless_of_earlier_computations() -> None:
