@@ -280,11 +280,11 @@ class SelfLearningCompensator(Stateful):
         observes = self._last_x is not None
         with self._core.exclusive():
             x, events = bindings.learner_step(
-                self._core.block, self.compensator.block, float(y_ref), float(y_measured_before), observes
+                self._core.block, self.compensator.block, y_ref, y_measured_before, observes
             )
             if events:
                 self._follow(BlockEvent(events))  # may replace the compensator's state
-                x, _ = bindings.learner_step(self._core.block, self.compensator.block, float(y_ref), np.nan, False)
+                x, _ = bindings.learner_step(self._core.block, self.compensator.block, y_ref, np.nan, False)
         self._last_x = float(x)
         return self._last_x
 

@@ -43,7 +43,7 @@ static void run(const Compensator *c, int64_t samples, const double *y_ref, doub
     F(compensator_balance, "state@COM2", "begin with dynamics in balance.", 0, compensator_balance(COMPENSATOR, 1))    \
     F(compensator_now, "state@COM2", "the unit drive for the last reference at this moment.", 0,                       \
       NUMBER_RESULT = compensator_now(COMPENSATOR))                                                                    \
-    F(compensator_correct, "state@COM2, y", "integral action on the output that the last drive produced.", 0,          \
+    F(compensator_correct, "state@COM2, y_measured", "integral action on the output that the last drive produced.", 0, \
       compensator_correct(COMPENSATOR, NUMBER(1), 1))                                                                  \
     F(compensator_step, "state@COM2, y_ref", "the drive for one reference.", 0,                                        \
       NUMBER_RESULT = compensator_step(COMPENSATOR, NUMBER(1), NULL))                                                  \

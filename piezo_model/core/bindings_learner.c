@@ -205,7 +205,7 @@ static int64_t replay(const Loop *loop, int64_t samples, const double *y, const 
       WHOLE_RESULT = quiet(LOOP, INT(2)))                                                                              \
     F(learner_restore, "state@LEAR, other@", "become what another learner was.", 0, restore(&a, MEMORY(0), MEMORY(1))) \
     F(learner_refuse, "state@LEAR", "count a refusal, and begin a cycle anew.", 0, learner_refuse(LEARNER, 0))         \
-    F(learner_step, "state@LEAR, compensator@COM2, y_ref, y, observes#0:1",                                            \
+    F(learner_step, "state@LEAR, compensator@COM2, y_ref, y_measured_before, observes#0:1",                            \
       "observe and drive; (drive, what there is to tell).", 0,                                                         \
       OBJECT_RESULT = step(LOOP, NUMBER(2), NUMBER(3), INT(4)))                                                        \
     F(learner_drive, "state@LEAR, compensator@COM2, y_ref[n], x[n]=", "drives until weights may be due.",              \

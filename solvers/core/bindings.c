@@ -2,6 +2,8 @@
 
 #include <string.h>
 
+enum { LONGEST_NAME = 31 };
+
 /* Set Python's error. */
 #define FAIL(a, exception, ...) (a)->failed = PyErr_Format(exception, __VA_ARGS__) == NULL
 
@@ -30,10 +32,25 @@ static void refuse_argument(Arguments *a, const char *why)
     FAIL(a, PyExc_ValueError, "%s: argument %d %s", a->signature, a->parsed, why);
 }
 
+/* Refuse what is no number, or an integer beyond doubles, by the name that ends at `end`. */
+static void refuse_number(Arguments *a, const char *end)
+{
+    char name[LONGEST_NAME + 1] = "";
+    const char *begin = end;
+    while (begin[-1] != ' ' && begin[-1] != '(' && end - begin < LONGEST_NAME) {
+        --begin;
+    }
+    memcpy(name, begin, (size_t)(end - begin));
+    FAIL(a, PyExc_ValueError, "%s must be a real number, and one that a double can hold", name);
+}
+
 static const char *take_number(Arguments *a, PyObject *given, Value *value, const char *at)
 {
     value->number = PyFloat_AsDouble(given);
     a->failed = value->number == -1.0 && PyErr_Occurred() != NULL;
+    if (a->failed && (PyErr_ExceptionMatches(PyExc_TypeError) || PyErr_ExceptionMatches(PyExc_OverflowError))) {
+        refuse_number(a, at);
+    }
     return at;
 }
 

@@ -99,14 +99,16 @@ VALUES: dict[str, Any] = {
 }
 Ways = dict[str, tuple[Callable[[Any, Any], Any], set[str]]]
 """How to change a controller, and which of the values are right."""
+NUMBERS, A_NUMBER = {"no numbers", "descending"}, {"true", "no number", "endless", "below zero"}
 OF_COMPENSATOR: Ways = {
     "state": (lambda c, v: setattr(c, "state", v), set()),
     "model": (lambda c, v: c.change_model(v), {"a model of two modes", "a model of other ranges"}),
     "blend": (lambda c, v: c.change_model(c.model, v), set()),
     "blend time": (lambda c, v: c.set_blend_time(v), set()),
-    "references": (lambda c, v: c.run(v), {"none", "three", "no numbers", "descending"}),
+    "references": (lambda c, v: c.run(v), {"none", "three", *NUMBERS}),
+    "reference": (lambda c, v: c.step(v), A_NUMBER),
+    "output": (lambda c, v: c.correct(v), A_NUMBER),
 }
-NUMBERS = {"no numbers", "descending"}
 OF_LEARNER: Ways = {
     **{
         f"its compensator's {name}": (lambda c, v, change=change: change(c.compensator, v), set())
@@ -121,6 +123,8 @@ OF_LEARNER: Ways = {
     "outputs": (lambda c, v: c.observe([1.0, 2.0], v), NUMBERS),
     "references": (lambda c, v: c.replay(v, [1.0, 2.0]), NUMBERS),
     "outputs before": (lambda c, v: c.replay([1.0, 2.0], v), NUMBERS),
+    "reference": (lambda c, v: c.step(v, 1.0), A_NUMBER),
+    "output before": (lambda c, v: c.step(1.0, v), A_NUMBER),
 }
 OF_BANK: Ways = {
     "model": (lambda b, v: b.set_model(1, v), set()),

@@ -279,7 +279,8 @@ def test_every_compiler_instruction_set_and_optimisation_gives_the_same_bits(req
         (lambda: bindings.descent_bytes(2.5), TypeError, "float"),
         (lambda: bindings.descent_bytes(2, 3), TypeError, "takes 1 arguments, not 2"),
         (lambda: bindings.processor_level(1), TypeError, "takes 0 arguments, not 1"),
-        (lambda: bindings.projected_steps(a_state(), 1, "a"), TypeError, "must be real number"),
+        (lambda: bindings.projected_steps(a_state(), 1, "a"), ValueError, "^tolerance must be a real number"),
+        (lambda: bindings.projected_steps(a_state(), 1, 10**400), ValueError, "and one that a double can hold$"),
         (lambda: bindings.projected_steps(a_state(), -1, 0.0), ValueError, "argument 2 must be from 0 to"),
         (
             lambda: bindings.descent_set_data(a_state(), np.eye(2), None, 0.5, 1),
