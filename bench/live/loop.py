@@ -151,13 +151,14 @@ class Loop:
             board.reason, board.followed, board.state = reason[:LONGEST], board.head, State.RAMPING_TO_REST
 
     def next_drive(self, y_ref: float) -> float:
-        """The drive that the compensator requests, or rest, as far as the rate limit allows."""
+        """The drive that the compensator requests, which keeps the limits and began at rest, or rest as far as the rate
+        limit allows."""
+        if self._board.state == State.FOLLOWING:
+            return self.compensate(y_ref)
         declared, x = self._settings.declared, self._board.drive
-        if self._failing_ns:  # the stage may have taken it, or not
-            return x
-        step = declared.rate_limit / self._settings.rate
-        target = self.compensate(y_ref) if self._board.state == State.FOLLOWING else declared.rest
-        return min(max(target, x - step), x + step)
+        # a stage that does not answer may have taken the last drive, or not
+        step = 0.0 if self._failing_ns else declared.rate_limit / self._settings.rate
+        return min(max(declared.rest, x - step), x + step)
 
     def compensate(self, y_ref: float) -> float:
         """The drive for a reference, within the limits, given the output that the last drive produced."""

@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from threading import Event
+from types import SimpleNamespace
 
 import msgspec
 import numpy as np
@@ -33,11 +34,12 @@ from command_line import (
 )
 from exported_loops import a_model
 
-from bench.live.board import CAPACITY, new_board
+from bench.live.board import CAPACITY, State, new_board
 from bench.live.device import Declared, SimulatedStage
+from bench.live.loop import Loop
 from bench.live.session import record
-from bench.live.settings import first_model, of_file, sine
-from piezo_model import Dynamics, HysteresisCreepModel, plants
+from bench.live.settings import Learn, LiveSettings, first_model, of_file, sine
+from piezo_model import Compensator, Dynamics, HysteresisCreepModel, plants
 from piezo_model.recordings import write_table
 from piezo_model.signals import decaying_triangle, multi_sine
 from piezo_model.units import UnitError, quantity
@@ -140,6 +142,28 @@ def test_a_simulated_stage_follows_the_clock_if_the_loop_is_late() -> None:
         plant.reset()
         by_samples_held.append(plant.run(np.append(np.full(held, 100.0), 120.0))[-1])
     assert y in by_samples_held  # creep moved on for 0.2 s, or longer on a busy machine
+
+
+@pytest.mark.parametrize("learn", ["off", "continuous"])
+def test_a_stage_gets_the_drives_of_its_compensator_to_the_last_bit_at_the_rate_limit_too(learn: Learn) -> None:
+    plant = plants.Sensor(plants.get("relay_preisach", sample_time=1e-3), noise_um=0.002, seed=1)
+    declared = Declared("V", "um", plant.x_range, plant.y_range, 3_333.0, plant.x_range[0])
+    y_ref = 12.0 * np.sin(0.1 * np.arange(3000))
+    settings = LiveSettings(
+        SimulatedStage, "", declared, first_model(None, declared, 1e-3), False, learn, 0.0, y_ref, "", 1e3, 0.0
+    )
+    board, x, y = new_board(), [], [math.nan]
+    board.drive, board.state = declared.rest, State.FOLLOWING
+    loop = Loop(settings, board, SimpleNamespace(exchange=plant.step), settings.compensator())
+    for wanted in y_ref.tolist():
+        loop.exchange(loop.next_drive(wanted))
+        x.append(board.drive)
+        y.append(loop._y)
+    alone = settings.compensator()
+    np.testing.assert_array_equal(
+        x, alone.run(y_ref) if isinstance(alone, Compensator) else alone.replay(y_ref, y[:-1])
+    )
+    assert np.count_nonzero(np.abs(np.diff(x)) > 3.332) > 100
 
 
 def test_a_reference_and_a_model_in_other_units_are_converted_to_those_of_the_stage(tmp_path: Path) -> None:
