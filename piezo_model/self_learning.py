@@ -277,10 +277,9 @@ class SelfLearningCompensator(Stateful):
         float
             Drive in the input unit.
         """
-        observes = self._last_x is not None
         with self._core.exclusive():
             x, events = bindings.learner_step(
-                self._core.block, self.compensator.block, y_ref, y_measured_before, observes
+                self._core.block, self.compensator.block, y_ref, y_measured_before, self._last_x is not None
             )
             if events:
                 self._follow(BlockEvent(events))  # may replace the compensator's state
@@ -468,8 +467,7 @@ class SelfLearningCompensator(Stateful):
             self._adapt_range()
 
     def _note(self, what: Any, message: str, old: float = math.nan, new: float = math.nan) -> None:
-        sample, since = int(self._core.as_int64("samples")[0]), int(self._clock["learning_since"])
-        self.log.append(Event(sample, what, message, old, new, since))
+        self.log.append(Event(self.samples, what, message, old, new, int(self._clock["learning_since"])))
 
     def _gathered(self) -> IdentificationProblem:
         """The problem of a cycle's data, which the core has in slopes."""

@@ -32,11 +32,15 @@ static void refuse_argument(Arguments *a, const char *why)
     FAIL(a, PyExc_ValueError, "%s: argument %d %s", a->signature, a->parsed, why);
 }
 
-/* Refuse what is no number, or an integer beyond doubles, by the name that ends at `end`. */
-static void refuse_number(Arguments *a, const char *end)
+/* Refuse what is no number, or an integer beyond doubles, by the name that ends at `end`; out of the way of calls that
+ * fit. */
+__attribute__((cold)) static void refuse_number(Arguments *a, const char *end)
 {
     char name[LONGEST_NAME + 1] = "";
     const char *begin = end;
+    if (!PyErr_ExceptionMatches(PyExc_TypeError) && !PyErr_ExceptionMatches(PyExc_OverflowError)) {
+        return; /* an error of the object's own */
+    }
     while (begin[-1] != ' ' && begin[-1] != '(' && end - begin < LONGEST_NAME) {
         --begin;
     }
@@ -48,7 +52,7 @@ static const char *take_number(Arguments *a, PyObject *given, Value *value, cons
 {
     value->number = PyFloat_AsDouble(given);
     a->failed = value->number == -1.0 && PyErr_Occurred() != NULL;
-    if (a->failed && (PyErr_ExceptionMatches(PyExc_TypeError) || PyErr_ExceptionMatches(PyExc_OverflowError))) {
+    if (a->failed) {
         refuse_number(a, at);
     }
     return at;
