@@ -213,7 +213,6 @@ class CompensatorBank(Stateful):
         total = len(self) + count
         if total > self._tiles * LANES:
             self._allocate(-(-total // LANES))
-        learning = np.concatenate([self.learning, np.broadcast_to(learn, (count,))])
         new = np.setdiff1d(np.arange(self._tiles * LANES), self._slots)[:count]
         self._place(np.concatenate([self._slots, new]))
         self._dynamics = np.append(self._dynamics, [None] * count)
@@ -225,8 +224,8 @@ class CompensatorBank(Stateful):
         }
         for name, values in starts.items():
             self._view(name)[lanes(new)] = values
+        self._view("memory")[lanes(new, 0)] = learn
         self.set_model(np.arange(total - count, total), self._line)
-        self.learning = learning
 
     def remove(self, which: ArrayLike) -> None:
         """Remove actuators by their numbers; the later ones move up and are otherwise unchanged."""
