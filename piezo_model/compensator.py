@@ -239,8 +239,9 @@ class Compensator(Stateful):
         """Change to another model of the same operators without a transfer bump.
 
         The states are kept. The change of the drive at this moment is subtracted from it and decays with the time
-        constant ``blend_time_s``; with 0 the drive jumps. The new structure may have other ranges; the states are then
-        converted by ``OperatorState.rescaled_to``. The inverse of other dynamics begins in balance.
+        constant ``blend_time_s``; with 0 the drive jumps. The new structure may have other ranges, unless a
+        learner has the compensator; the states are then converted by ``OperatorState.rescaled_to``. The inverse of
+        other dynamics begins in balance.
         """
         checks.instance(HysteresisCreepModel, model=model)
         old, new = self._model.structure, model.structure
