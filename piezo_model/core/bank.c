@@ -108,8 +108,7 @@ void tile_begin(const Bank *b, int64_t tile, num which)
     const Learner learner = tile_learner(b, tile, NULL), *const l = &learner;
     SensorGuard *const guard = (SensorGuard *)(void *)l->mailbox.guard;
     const Block block = block_at(&l->mailbox, l->mailbox.head->published);
-    SensorGuard fresh;
-    memset(&fresh, 0, sizeof fresh);
+    SensorGuard fresh = {0};
     guard_forget(&fresh);
     copy_where(which, (num *)guard, (const num *)&fresh, (int)(sizeof fresh / sizeof(num)));
     invert(&c->inverse, b->shape, b->regressors.operators.r, b->regressors.low, b->regressors.high);

@@ -67,11 +67,10 @@ static int64_t quiet(const Loop *loop, int adapts)
     const MailboxHead *const m = l->mailbox.head;
     int64_t end = l->clock->next_interval;
     if (l->settings->mode == CYCLIC) {
-        const LearnerSettings *const p = l->settings;
-        end = m->samples + l->clock->phase_left + (l->clock->phase == RESET ? p->build_lasts : 0)
-              + (l->clock->phase == LEARN ? 0
-                 : p->solver == STEPS     ? p->learn_lasts
-                                          : p->solve_lasts);
+        end = m->samples + l->clock->phase_left + (l->clock->phase == RESET ? l->settings->build_lasts : 0)
+              + (l->clock->phase == LEARN       ? 0
+                 : l->settings->solver == STEPS ? l->settings->learn_lasts
+                                                : l->settings->solve_lasts);
         end = (end + m->block - 1) / m->block * m->block;
     }
     if (m->offered != m->answered && *l->mailbox.offer.due > m->samples) {
@@ -167,25 +166,20 @@ static void drive(const Loop *loop, int64_t samples, const double *y_ref, double
     }
 }
 
-/* Observe samples from number k on until there are events; the number of samples done. */
-static int64_t observe_all(const Loop *loop, int64_t samples, const double *y, const double *x, int64_t k,
-                           int64_t *events)
+/* Observe samples from number k on, of these drives, or with references each before its drive, until there are events;
+ * the number of samples done. With references, a sample that had events is driven first, without being observed anew.
+ */
+static int64_t process(const Loop *loop, int64_t samples, const double *y, const double *y_ref, double *x, int64_t k,
+                       int64_t *events)
 {
-    for (*events = 0; k < samples && *events == 0; ++k) {
-        *events = observe(loop, x + k, y[k]);
-    }
-    return k;
-}
-
-static int64_t replay(const Loop *loop, int64_t samples, const double *y, const double *y_ref, double *x, int64_t k,
-                      int64_t *events)
-{
-    for (int64_t observed = *events; k < samples; ++k, observed = 0) {
-        *events = observed ? 0 : observe(loop, NULL, y[k]);
+    for (int64_t observed = y_ref != NULL && *events; k < samples; ++k, observed = 0) {
+        *events = observed ? 0 : observe(loop, y_ref ? NULL : x + k, y[k]);
         if (*events) {
-            break;
+            return k + (y_ref == NULL);
         }
-        x[k] = controller_drive(&loop->controller, y_ref[k]);
+        if (y_ref) {
+            x[k] = controller_drive(&loop->controller, y_ref[k]);
+        }
     }
     return k;
 }
@@ -212,9 +206,9 @@ static int64_t replay(const Loop *loop, int64_t samples, const double *y, const 
       SAMPLES_LAST, drive(LOOP, LENGTH(n), REALS(2), REALS(3)))                                                        \
     F(learner_observe, "state@LEAR, compensator@COM2, y[n], x[n], first#0:n, events[1]q=",                             \
       "learn until there is something to tell; samples done.", LENGTH(n) - WHOLE(4) > 20,                              \
-      WHOLE_RESULT = observe_all(LOOP, LENGTH(n), REALS(2), REALS(3), WHOLE(4), WHOLES(5)))                            \
+      WHOLE_RESULT = process(LOOP, LENGTH(n), REALS(2), NULL, REALS(3), WHOLE(4), WHOLES(5)))                          \
     F(learner_replay, "state@LEAR, compensator@COM2, y[n], y_ref[n], x[n]=, first#0:n, events[1]q=",                   \
       "the same, each drive after what is learned; the first only drives if there are events at the start.",           \
       LENGTH(n) - WHOLE(5) > 20,                                                                                       \
-      WHOLE_RESULT = replay(LOOP, LENGTH(n), REALS(2), REALS(3), REALS(4), WHOLE(5), WHOLES(6)))
+      WHOLE_RESULT = process(LOOP, LENGTH(n), REALS(2), REALS(3), REALS(4), WHOLE(5), WHOLES(6)))
 MAKE_BINDINGS(learner)

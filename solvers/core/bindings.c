@@ -2,8 +2,6 @@
 
 #include <string.h>
 
-enum { LONGEST_NAME = 31 };
-
 /* Set Python's error. */
 #define FAIL(a, exception, ...) (a)->failed = PyErr_Format(exception, __VA_ARGS__) == NULL
 
@@ -36,12 +34,9 @@ static void refuse_argument(Arguments *a, const char *why)
  * fit. */
 __attribute__((cold)) static void refuse_number(Arguments *a, const char *end)
 {
-    char name[LONGEST_NAME + 1] = "";
+    char name[32] = "";
     const char *begin = end;
-    if (!PyErr_ExceptionMatches(PyExc_TypeError) && !PyErr_ExceptionMatches(PyExc_OverflowError)) {
-        return; /* an error of the object's own */
-    }
-    while (begin[-1] != ' ' && begin[-1] != '(' && end - begin < LONGEST_NAME) {
+    while (begin[-1] != ' ' && begin[-1] != '(' && end - begin < (ptrdiff_t)sizeof name - 1) {
         --begin;
     }
     memcpy(name, begin, (size_t)(end - begin));

@@ -58,7 +58,7 @@ enum {
 };
 #endif
 
-PY_IMPORT PyObject *PyExc_OverflowError, *PyExc_TypeError, *PyExc_ValueError;
+PY_IMPORT PyObject *PyExc_TypeError, *PyExc_ValueError;
 PY_IMPORT PyObject _Py_NoneStruct;
 
 int PyObject_GetBuffer(PyObject *object, Py_buffer *view, int flags);
@@ -72,7 +72,6 @@ int PyDict_SetItemString(PyObject *dictionary, const char *name, PyObject *value
 void Py_DecRef(PyObject *object);
 PyObject *Py_BuildValue(const char *format, ...);
 PyObject *PyErr_Format(PyObject *exception, const char *format, ...);
-int PyErr_ExceptionMatches(PyObject *exception);
 PyObject *PyErr_Occurred(void);
 PyThreadState *PyEval_SaveThread(void);
 void PyEval_RestoreThread(PyThreadState *state);
