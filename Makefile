@@ -51,7 +51,7 @@ test: core            ## set up, then run the tests; ALL=1: with all libraries, 
 	$(if $(ALL),PIEZOBENCH_ALL_TESTS=1) $(PYTEST) $(if $(ALL),-m 'not nightly') $(TESTS)
 
 nightly: $(VENV)/.dev core ## run the tests that take minutes
-	$(PYTEST) -m nightly -o faulthandler_timeout=0
+	$(PYTEST) -m nightly -o faulthandler_timeout=3600
 
 fuzz: $(VENV)/.dev core ## try hostile input for a quarter of an hour, or for FUZZ_SECONDS
 	PYTHONPATH=.:tests:tests/piezo_model $(BIN)/python tests/bench/fuzz.py
