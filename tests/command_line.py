@@ -32,6 +32,8 @@ from bench.cli.app import command_line, run
 from bench.problems import sets
 command_line()  # imports every verb
 next(sets()["paper"]().problems())  # loads modules that load at first use
+run(["problems", "--set", "none"])  # and those that read words
+import pint, pyarrow.pandas_compat
 gc.freeze()
 while line := sys.stdin.readline():
     call = json.loads(line)
