@@ -19,24 +19,26 @@ TRACER = """
 import sys, threading
 from pathlib import Path
 
-FOLDER, files = {folder!r}, dict()
+FOLDER, files = {folder!r}, {{"row": {{}}, "problem": {{}}}}
 
-def is_wanted(value):
+def walk_of(value):
     kind = type(value).__name__
     if kind in ("Table", "RecordBatch"):
         value = getattr(getattr(value, "schema", None), "names", ())
-    return kind in ("RaceProblem", "CertifiedForm") if {walk!r} == "problem" else (
-        kind == "Measurements" or kind in ("dict", "DataFrame", "Table", "RecordBatch")
-        and "timed_gap" in value and "solver" in value
-    )
+    if kind in ("RaceProblem", "CertifiedForm"):
+        return "problem"
+    if kind == "Measurements" or (
+        kind in ("dict", "DataFrame", "Table", "RecordBatch") and "timed_gap" in value and "solver" in value
+    ):
+        return "row"
 
 def profile(frame, event, result):
     name = frame.f_code.co_filename
-    if event == "return" and name.startswith(FOLDER) and name not in files:
+    if event == "return" and name.startswith(FOLDER) and any(name not in found for found in files.values()):
         sys.setprofile(None)
-        if any(map(is_wanted, [*frame.f_locals.values(), result])):
-            files[name] = None
-            Path({log!r}).write_text("\\n".join(file.removeprefix(FOLDER + "/") for file in files))
+        for walk in {{*map(walk_of, [*frame.f_locals.values(), result])}} - {{None}}:
+            files[walk][name] = None
+            Path({log!r}, walk).write_text("\\n".join(file.removeprefix(FOLDER + "/") for file in files[walk]))
         sys.setprofile(profile)
 
 sys.setprofile(profile)
@@ -44,18 +46,24 @@ threading.setprofile(profile)
 """
 
 
-@pytest.mark.parametrize(("walk", "most"), [("row", 16), ("problem", 11)])
-def test_a_walk_passes_few_files_and_all_of_them_are_in_its_drawing(tmp_path: Path, walk: str, most: int) -> None:
-    tracer = TRACER.format(folder=str(FOLDER), walk=walk, log=str(tmp_path / "files"))
-    (tmp_path / "sitecustomize.py").write_text(tracer)
-    words = ["race", "--set", "paper", "--limit", 1, "--solver", "daqp", "--lane", "direct", "--scaling", "scaled"]
+@pytest.fixture(scope="module")
+def walked(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the files that rows and problems passed in a race."""
+    folder = tmp_path_factory.mktemp("walked")
+    (folder / "sitecustomize.py").write_text(TRACER.format(folder=str(FOLDER), log=str(folder)))
+    words = "race --set paper --limit 1 --solver daqp --lane direct --scaling scaled --rounds 2 --name run --out"
     subprocess.run(
-        [sys.executable, "-m", "bench", *map(str, words), "--rounds", "2", "--out", tmp_path, "--name", "run"],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])},
+        [sys.executable, "-m", "bench", *words.split(), folder],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), *sys.path])},
         check=True,
         capture_output=True,
     )
-    files = (tmp_path / "files").read_text().split()
+    return folder
+
+
+@pytest.mark.parametrize(("walk", "most"), [("row", 16), ("problem", 11)])
+def test_a_walk_passes_few_files_and_all_of_them_are_in_its_drawing(walked: Path, walk: str, most: int) -> None:
+    files = (walked / walk).read_text().split()
     assert len(files) <= most, files
     row, problem = bench.__doc__.split("A problem, from")
     assert set(files) <= {*re.findall(r"[\w/]+\.py", row if walk == "row" else problem)}
