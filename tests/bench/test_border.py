@@ -35,7 +35,7 @@ from bench.problems.proofs import proof
 from bench.problems.protocol import RaceProblem
 from bench.race_table import ROWS
 from bench.races.runs import open_run
-from bench.store import Run, RunError
+from bench.store import VERSION, Run, RunError
 from piezo_model import (
     CompensatorBank,
     Dynamics,
@@ -206,6 +206,15 @@ def with_column(name: str, value: object) -> Callable[[Path], object]:
     [
         ("run.json", lambda path: path.write_text("{"), "is not a whole JSON file"),
         ("run.json", lambda path: path.write_text("[]"), "expected `object`, got `array`"),
+        *(
+            (
+                "run.json",
+                with_field(("version",), str(number)),
+                f"version {number} is not {VERSION}, the one this program",
+            )
+            for number in (VERSION - 1, VERSION + 1)
+        ),
+        ("run.json", lambda path: path.write_text(path.read_text().replace('"version"', '"x"')), "version 1 is not"),
         ("run.json", with_field(("race",), '"batch"'), "there is no field 'race'"),
         ("run.json", with_field(("settings",), '"x"'), "the field 'settings' is wrong: expected `object`, got `str`"),
         ("run.json", with_field(("settings", "rounds"), "-3"), "rounds must be from 0"),

@@ -25,7 +25,7 @@ from bench.messages.task import silent
 from bench.race_table import MISSES, ROWS, complete
 from bench.races.run_problems import problems_of
 from bench.races.runs import settings_of
-from bench.store import VERSION, Run, RunError
+from bench.store import Run, RunError
 from bench.timing import machine
 from piezo_model.atomic_file import write_text
 
@@ -194,26 +194,6 @@ def test_a_run_that_is_finished_or_has_a_task_is_not_discarded(clean_race: Race,
     part.path.unlink()
     new.discard()
     assert not new.path.exists()
-
-
-@pytest.mark.parametrize("version", [1, VERSION - 1, VERSION + 1])
-def test_a_run_of_another_version_is_refused_in_one_sentence_by_every_verb_that_opens_it(
-    clean_race: Race, piezobench: CommandLine, tmp_path: Path, version: int
-) -> None:
-    run = clean_race.copied(tmp_path / "run")
-    noted = {name: value for name, value in clean_race.run.settings.items() if name != "version"}
-    (run.path / "run.json").write_text(json.dumps(noted if version == 1 else {**noted, "version": version}))
-    for words in (
-        ["report", run.path],
-        ["resume", run.path],
-        ["compare", run.path, clean_race.run.path, "--out", tmp_path / "c"],
-        ["deploy", run.path, "--out", tmp_path / "d.json"],
-    ):
-        assert (
-            f"{run.path / 'run.json'}: version {version} is not {VERSION}, the one this program reads"
-            in piezobench(*words).refusal
-        )
-    assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
 def test_a_resumed_run_generates_no_saved_problem(
