@@ -1,7 +1,5 @@
 """A race on the schedule of 8 kHz: every answer is judged by its own sample, and late ones are counted."""
 
-from pathlib import Path
-
 import cheating_solvers
 import numpy as np
 import pandas as pd
@@ -27,11 +25,26 @@ class Slow(Daqp):
         return super().solve(warm_start) {wrong}
 """
 
+FORGES = """
+    def setup(self, problem):
+        self.problem, self.lb, self.ub = problem, problem.lb, problem.ub
+        self.set_data(problem.P, problem.q)
+        from bench.races import worker
+        scheduled = vars(worker).setdefault("kept", worker.TimedSolver.scheduled)
+        def forged(*arguments):
+            outcome = scheduled(*arguments)
+            outcome.times["sample"] += 1
+            return outcome
+        worker.TimedSolver.scheduled = forged
+"""
+
 
 @pytest.fixture(scope="module")
 def race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
     folder = tmp_path_factory.mktemp("schedule")
-    files = []
+    forging = cheating_solvers.written(folder, "honest")
+    forging.write_text(forging.read_text() + FORGES)
+    files = ["--solver", forging]
     for name, sleep, wrong in (("slow", 4e-4, ""), ("outside", 0.0, "- 1.0")):
         path = folder / f"{name}.py"
         path.write_text(SLOW.format(name=name, sleep=sleep, wrong=wrong))
@@ -100,23 +113,6 @@ def test_a_solver_is_late_if_its_bouts_are_more_frequent_than_those_of_the_machi
     assert ("cannot say" in sentence) == (expected == UNKNOWN)
 
 
-def test_a_process_that_answers_samples_that_never_came_has_tampered(tmp_path: Path, piezobench: CommandLine) -> None:
-    file = cheating_solvers.written(tmp_path, "honest")
-    file.write_text(file.read_text() + FORGES)
-    found = raced(piezobench, tmp_path, "run", "--solver", file, "--schedule", 50, "--scaling", "scaled")
-    rows = found.rows[(found.rows.solver == "honest") & (found.rows.timed == "scheduled")]
+def test_a_process_that_answers_samples_that_never_came_has_tampered(race: Race) -> None:
+    rows = race.rows[(race.rows.solver == "honest") & (race.rows.timed == "scheduled")]
     assert set(rows.status) == {str(Status.TAMPERED)}
-
-
-FORGES = """
-    def setup(self, problem):
-        self.problem, self.lb, self.ub = problem, problem.lb, problem.ub
-        self.set_data(problem.P, problem.q)
-        from bench.races import worker
-        scheduled = vars(worker).setdefault("kept", worker.TimedSolver.scheduled)
-        def forged(*arguments):
-            outcome = scheduled(*arguments)
-            outcome.times["sample"] += 1
-            return outcome
-        worker.TimedSolver.scheduled = forged
-"""
