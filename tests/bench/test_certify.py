@@ -38,6 +38,7 @@ def gram(rows: int, d: int) -> Any:
 
 BOX = {"lb": np.zeros(6), "ub": np.full(6, 2.0)}
 PROGRAMS = {
+    "sparse": Problem(csc_matrix(gram(6, 4)), np.ones(4), csc_matrix(np.ones((1, 4))), np.full(1, -2.0)),
     "one variable": Problem(np.eye(1), np.array([-3.0]), lb=np.zeros(1), ub=np.ones(1)),
     "box": Problem(gram(9, 6), RNG.normal(size=6), **BOX),
     "singular": Problem(gram(3, 6), gram(3, 6) @ RNG.normal(size=6), **BOX),
@@ -48,7 +49,6 @@ PROGRAMS = {
     "rows and equalities": Problem(
         gram(6, 4), RNG.normal(size=4), RNG.normal(size=(5, 4)), np.ones(5), np.ones((1, 4)), np.zeros(1)
     ),
-    "sparse": Problem(csc_matrix(gram(6, 4)), np.ones(4), csc_matrix(np.ones((1, 4))), np.full(1, -2.0)),
     "weak rows": many_weak_rows(),
 }
 
@@ -69,6 +69,7 @@ def saved(problem: Problem, folder: Path) -> Path:
     return path
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_a_certificate_is_confirmed_by_a_script_without_any_package(
     piezobench: CommandLine, tmp_path: Path, name: str

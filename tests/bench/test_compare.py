@@ -482,39 +482,46 @@ class Wrong(Quadprog):
 """
 
 
-@pytest.mark.parametrize("change", ["1.0001 * super().solve()", "float('nan') * super().solve()"])
-def test_a_version_that_is_wrong_is_a_regression_however_fast(
-    piezobench: CommandLine, tmp_path: Path, change: str
-) -> None:
-    right, wrong = tmp_path / "right.py", tmp_path / "wrong.py"
-    right.write_text(WRONG.format(change="super().solve()"))
-    wrong.write_text(WRONG.format(change=change))
+def test_a_version_that_is_wrong_is_a_regression_however_fast(piezobench: CommandLine, tmp_path: Path) -> None:
     words = ("--smallest", 100, "--fail-on", "regression")
-    call = piezobench("compare", "--versions", right, wrong, *words)
-    assert call.status == 3
-    assert f"{wrong} is less accurate than {right}." in " ".join(call.stdout.split())
-    assert "less accurate" not in piezobench.run("compare", "--versions", right, right, *words).stdout
+    changes = {"right": "{}", "wrong": "1.0001 * {}", "nan": "float('nan') * {}"}
+    files = [tmp_path / f"{name}.py" for name in changes]
+    for file, change in zip(files, changes.values(), strict=True):
+        file.write_text(WRONG.format(change=change.format("super().solve()")))
+        call = piezobench("compare", "--versions", files[0], file, *words)
+        assert call.status == (0 if file is files[0] else 3)
+        said = f"{file} is less accurate than {files[0]}." in " ".join(call.stdout.split())
+        assert said == (file is not files[0]) == ("less accurate" in call.stdout)
+
+
+def edited_race(piezobench: CommandLine, folder: Path, name: str, change: str = "") -> Path:
+    """A race of a file with a solver, which was edited since the race before."""
+    (folder / "wrong.py").write_text(WRONG.format(change=f"super().solve(){change}"))
+    words = ("--limit", 1, "--budget", 0.002, "--solver", "daqp", "--set", "paper", "--lane", "direct", "--name", name)
+    call = piezobench("race", *words, "--solver", folder / "wrong.py", "--out", folder)
+    assert call.status == (name in ("wrong", "nan"))
+    return folder / name
 
 
 @pytest.fixture(scope="module")
-def edited_races(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Races of one file with a solver, edited between them."""
-    folder, words = tmp_path_factory.mktemp("edited"), ("--limit", 1, "--budget", 0.002, "--solver", "daqp")
-    for name, change in (("before", ""), ("same", " + 0.0"), ("wrong", " * 1.0001"), ("nan", " * float('nan')")):
-        (folder / "wrong.py").write_text(WRONG.format(change=f"super().solve(){change}"))
-        files = ("--solver", folder / "wrong.py", "--set", "paper", "--lane", "direct", "--out", folder, "--name", name)
-        assert piezobench("race", *words, *files).status == (name in ("wrong", "nan"))
-    return folder
+def unedited(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return edited_race(piezobench, tmp_path_factory.mktemp("edited"), "before")
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
-    ("name", "status", "says"), [("same", 4, "no difference"), ("wrong", 3, "tiers are lost"), ("nan", 3, "lane fails")]
+    ("name", "change", "status", "says"),
+    [
+        ("wrong", " * 1.0001", 3, "tiers are lost"),
+        ("same", " + 0.0", 4, "no difference"),
+        ("nan", " * float('nan')", 3, "lane fails"),
+    ],
 )
 def test_an_edited_file_meets_its_version_before_and_is_judged(
-    piezobench: CommandLine, edited_races: Path, name: str, status: int, says: str
+    piezobench: CommandLine, unedited: Path, tmp_path: Path, name: str, change: str, status: int, says: str
 ) -> None:
-    words = (edited_races / "before", edited_races / name, "--out", edited_races / "c", "--fail-on", "regression")
-    call = piezobench("compare", *words)
+    edited = edited_race(piezobench, unedited.parent, name, change)
+    call = piezobench("compare", unedited, edited, "--out", tmp_path / "c", "--fail-on", "regression")
     assert (call.status, "Only " in call.stdout) == (status, False)
     assert re.search(f"WARNING: Different solvers: wrong .direct. is .*{says}", " ".join(call.stdout.split()))
 
