@@ -1,6 +1,6 @@
 """Do the tests notice mistakes? Mutations that are drawn with a fixed seed, and the tests that reach them.
 
-    python tests/mutations.py [--package bench] [--count 20] [--seconds 300] [--entered FILE.json]
+    python tests/mutations.py [--package bench] [--entered FILE.json]
 
 Every test file runs once in a copy of the tree while each of its processes writes down the functions that it enters.
 Then the mutations are made one after the other, and the files that enter the mutated function run, the quickest first,
@@ -20,8 +20,8 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import namedtuple
 from pathlib import Path
-from typing import NamedTuple
 
 ROOT = Path(__file__).parent.parent
 BELOW = {"solvers": (), "piezo_model": ("solvers",), "bench": ("solvers", "piezo_model", "paper")}
@@ -44,24 +44,21 @@ sys.settrace(enter)
 OPPOSITES: dict[type, type] = {ast.Lt: ast.LtE, ast.Gt: ast.GtE, ast.Eq: ast.NotEq, ast.Is: ast.IsNot}
 OPPOSITES |= {ast.In: ast.NotIn, ast.And: ast.Or, ast.Add: ast.Sub, ast.Mult: ast.Div}
 OPPOSITES |= {other: one for one, other in OPPOSITES.items()}
+COUNT, SECONDS = 20, 300.0
+"""Mutations of each package, and the longest that the tests may take for one."""
 KINDS = ("comparison", "operator", "constant", "statement")
 
 
-class Mutation(NamedTuple):
-    """Another text for an expression or a statement of a function."""
+Mutation = namedtuple("Mutation", "path function kind node text")
+"""Another text for an expression or a statement of a function."""
 
-    path: str
-    function: str
-    kind: str
-    node: ast.expr | ast.stmt
-    text: str
 
-    def apply(self, source: bytes) -> bytes:
-        """The source of the file with the mutation."""
-        lines, node = source.splitlines(keepends=True), self.node
-        begin = sum(map(len, lines[: node.lineno - 1])) + node.col_offset
-        end = sum(map(len, lines[: (node.end_lineno or 0) - 1])) + (node.end_col_offset or 0)
-        return source[:begin] + self.text.encode() + source[end:]
+def applied(mutation: Mutation, source: bytes) -> bytes:
+    """The source of the file with the mutation."""
+    lines, node = source.splitlines(keepends=True), mutation.node
+    begin = sum(map(len, lines[: node.lineno - 1])) + node.col_offset
+    end = sum(map(len, lines[: node.end_lineno - 1])) + node.end_col_offset
+    return source[:begin] + mutation.text.encode() + source[end:]
 
 
 def mutated(node: ast.AST) -> tuple[str, str] | None:
@@ -130,31 +127,25 @@ def entered(tree: Path, package: str) -> dict[str, tuple[float, list[str]]]:
 
 def main() -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument("--package", choices=BELOW)
-    parser.add_argument("--count", type=int, default=20)
-    parser.add_argument("--seconds", type=float, default=300.0)
+    parser.add_argument("--package", choices=BELOW, action="append", default=[])
     parser.add_argument("--entered", type=Path)
     chosen = parser.parse_args()
     tree = Path(tempfile.mkdtemp(prefix="mutations-")) / "tree"
     shutil.copytree(ROOT, tree, ignore=shutil.ignore_patterns(".git", ".venv"))
-    for package in [chosen.package] if chosen.package else BELOW:
+    for package in chosen.package or BELOW:
         kept = chosen.entered or tree.parent / f"{package}.json"
         if not kept.exists():
             kept.write_text(json.dumps(entered(tree, package)))
-        reached = json.loads(kept.read_text())
-        for each in drawn(package, chosen.count):
-            files = [
-                name for name in sorted(reached, key=lambda name: reached[name][0]) if each.function in reached[name][1]
-            ]
+        reached = sorted(json.loads(kept.read_text()).items(), key=lambda item: item[1][0])
+        for each in drawn(package, COUNT):
+            files = [name for name, (_, functions) in reached if each.function in functions]
             path, source = tree / each.path, (ROOT / each.path).read_bytes()
-            path.write_bytes(each.apply(source))
-            test = failing(tree, files, chosen.seconds, "-x") if files else ""
+            path.write_bytes(applied(each, source))
+            test = failing(tree, files, SECONDS, "-x") if files else ""
             path.write_bytes(source)
             verdict = "undecided" if test is None else "caught" if test else "survived" if files else "not entered"
-            print(
-                f"{verdict:12}{each.path}:{each.node.lineno}  {ast.unparse(each.node)}  →  {each.text}  {test or ''}",
-                flush=True,
-            )
+            change = f"{ast.unparse(each.node)}  →  {each.text}"
+            print(f"{verdict:12}{each.path}:{each.node.lineno}  {change}  {test or ''}", flush=True)
 
 
 if __name__ == "__main__":
