@@ -19,6 +19,7 @@ from bench.store import TIMES
 from bench.timing.schedule import PERIOD_US
 from piezo_model.identification_problem import Scaling
 
+NAN = float("nan")
 ORDINARY: Row = {
     "problem_set": "paper",
     "problem": "p1",

@@ -25,6 +25,8 @@ from bench.store import Run
 from bench.timing import cores
 
 TWO_CORES = pytest.mark.skipif(len(cores.usable()) < 2, reason="two workers need two cores")
+REFERENCE = Path(__file__).parents[2] / "results" / "reference"
+"""The committed run."""
 DASK = str(Path(sys.executable).with_name("dask"))
 MACHINES = ("stage-one", "stage-two")
 """Host names of the machines of the cluster."""

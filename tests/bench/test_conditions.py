@@ -33,27 +33,6 @@ def quiet(**change: Any) -> dict[str, Any]:
     }
 
 
-@pytest.mark.parametrize(
-    ("parts", "expected"),
-    [
-        ([quiet(steal_percent=3.0)], ["CPU steal 3.0 %"]),
-        ([quiet(throttled=2)], ["The processor throttled 2 times"]),
-        ([quiet(busy_cores=2.5)], ["kept 1.5 cores busy"]),
-        ([quiet(preemptions=100)], ["100 preemptions in 10000"]),
-        ([quiet(), quiet()], []),
-        ([quiet(busy_cores=2.0), quiet(busy_cores=2.0, core=0)], []),
-        ([quiet(busy_cores=2.0), quiet(busy_cores=2.0, host="two")], ["kept 1.0 cores busy"]),
-        ([], []),
-    ],
-)
-def test_each_disturbance_is_one_warning_and_a_race_may_keep_its_cores_of_each_host_busy(
-    parts: list[dict[str, Any]], expected: list[str]
-) -> None:
-    found = machine.disturbances(parts)
-    assert len(found) == len(expected)
-    assert all(part in sentence for part, sentence in zip(expected, found, strict=True))
-
-
 def test_counters_of_this_machine_only_grow() -> None:
     before = machine.counters()
     sum(range(10**6))
@@ -64,25 +43,36 @@ def test_counters_of_this_machine_only_grow() -> None:
     assert 0.0 <= between["steal_percent"] <= 100.0
 
 
-def samples(*levels: float) -> pd.DataFrame:
-    return sentinel.table(
-        [
-            {
-                "host": "here",
-                "core": 0,
-                "sentinel": [(float(i), [round(1e5 * level)] * 5) for i, level in enumerate(levels)],
-            }
-        ]
-    )
+def drifts(*notes: dict[str, Any]) -> list[str]:
+    """What is said of samples of the sentinel."""
+    return sentinel.sentences(sentinel.table([{"host": "here", "core": 0, **note} for note in notes]))
+
+
+def samples(*levels: float) -> dict[str, Any]:
+    return {"sentinel": [(float(i), [round(1e5 * level)] * 5) for i, level in enumerate(levels)]}
 
 
 @pytest.mark.parametrize(
-    ("levels", "expected"),
+    ("found", "expected"),
     [
-        pytest.param((), [], id="no sample"),
-        pytest.param((1.0, 1.0, 1.0, 1.05, 0.96), [], id="less than a tenth"),
+        (machine.disturbances([quiet(steal_percent=3.0)]), ["CPU steal 3.0 %"]),
+        (machine.disturbances([quiet(throttled=2)]), ["The processor throttled 2 times"]),
+        (machine.disturbances([quiet(busy_cores=2.5)]), ["kept 1.5 cores busy"]),
+        (machine.disturbances([quiet(preemptions=100)]), ["100 preemptions in 10000"]),
+        (machine.disturbances([quiet(), quiet()]), []),
         pytest.param(
-            (1.0, 1.0, 1.0, 1.25, 0.95),
+            machine.disturbances([quiet(busy_cores=2.0), quiet(busy_cores=2.0, core=0)]), [], id="two cores of a host"
+        ),
+        pytest.param(
+            machine.disturbances([quiet(busy_cores=2.0), quiet(busy_cores=2.0, host="two")]),
+            ["kept 1.0 cores busy"],
+            id="two hosts",
+        ),
+        (machine.disturbances([]), []),
+        pytest.param(drifts(samples()), [], id="no sample"),
+        pytest.param(drifts(samples(1.0, 1.0, 1.0, 1.05, 0.96)), [], id="less than a tenth"),
+        pytest.param(
+            drifts(samples(1.0, 1.0, 1.0, 1.25, 0.95)),
             [
                 r"^The speed of the machine drifted: of 5 timings.*by -5 % to \+25 % from that of all",
                 "in 20 % of 5 trials",
@@ -90,29 +80,28 @@ def samples(*levels: float) -> pd.DataFrame:
             id="more than a tenth",
         ),
         pytest.param(
-            (*[1.0] * 20, *[1.6] * 21, *[1.0] * 10),
+            drifts(samples(*[1.0] * 20, *[1.6] * 21, *[1.0] * 10)),
             ["from that of all", "in 41 % of 51 trials, at most 60 % longer"],
             id="slow half of the time",
         ),
-        pytest.param([1.9 if i % 25 == 12 else 1.0 for i in range(100)], [], id="few slow moments"),
+        pytest.param(drifts(samples(*(1.9 if i % 25 == 12 else 1.0 for i in range(100)))), [], id="few slow moments"),
         pytest.param(
-            [1.9 if i % 5 == 2 else 1.0 for i in range(100)],
+            drifts(samples(*(1.9 if i % 5 == 2 else 1.0 for i in range(100)))),
             ["over 10 % longer than when undisturbed in 20 % of 100 trials, at most 90 % longer"],
             id="many slow moments without drift",
         ),
+        pytest.param(
+            drifts(*({"core": core, "sentinel": [(0.0, [100 * (core + 1)])]} for core in range(2))),
+            [],
+            id="cores of different speeds",
+        ),
     ],
 )
-def test_a_drift_of_more_than_a_tenth_and_many_slow_moments_are_a_warning_each(
-    levels: tuple[float, ...], expected: list[str]
+def test_each_disturbance_and_drift_is_one_warning_and_what_a_race_does_itself_is_none(
+    found: list[str], expected: list[str]
 ) -> None:
-    found = sentinel.sentences(samples(*levels))
     assert len(found) == len(expected)
     assert all(re.search(part, sentence) for part, sentence in zip(expected, found, strict=True))
-
-
-def test_cores_of_different_speeds_are_no_drift() -> None:
-    notes = [{"host": "here", "core": core, "sentinel": [(0.0, [100 * (core + 1)])]} for core in range(2)]
-    assert sentinel.sentences(sentinel.table(notes)) == []
 
 
 def test_a_run_has_the_sentinels_samples_and_its_disturbances(clean_race: Race) -> None:

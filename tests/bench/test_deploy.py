@@ -15,7 +15,7 @@ from command_line import CommandLine
 from hostile_files import STRUCTURE, change_machine
 from measured_rows import row
 from pyarrow import parquet
-from small_races import Race, raced
+from small_races import REFERENCE, Race, raced
 
 from bench.deploy.actuator_model import model_for
 from bench.deploy.candidates import QUANTILES, UNOBSERVED_SHARE, Candidate, Rule, explained
@@ -32,7 +32,6 @@ from piezo_model.deployment import Deployment
 from solvers import Lane, find
 from solvers.protocol import setting_text
 
-REFERENCE = Path(__file__).parent.parent.parent / "results" / "reference"
 SHORT = {"reset_s": 0.01, "build_s": 0.2, "learn_s": 0.05}
 CALLS = 3000
 Us = Callable[[int], np.ndarray]

@@ -6,15 +6,13 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-from measured_rows import ladder, measured, row, table
+from measured_rows import NAN, ladder, measured, row, table
 
 from bench.derived.measurements import Measurements, merged
 from bench.derived.ranking import BESIDE, like_with_like, wrapper_share
 from bench.derived.summary import raced, summary
 from bench.derived.tiers import FEWEST, TOLERANCE, choice, error, leave_one_out, margin, right, tier_settings
 from bench.messages.task import Row, Status, Tier
-
-NAN = float("nan")
 
 
 def error_of(tier: Tier, **known: float | str) -> float:

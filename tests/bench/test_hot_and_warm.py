@@ -7,7 +7,7 @@ import faulty_solvers
 import numpy as np
 import pytest
 from command_line import CommandLine
-from measured_rows import ladder, row, table
+from measured_rows import NAN, ladder, row, table
 from qpsolvers import Problem
 from small_races import Race, raced
 
@@ -191,7 +191,6 @@ def test_a_warm_solve_begins_at_its_start_and_does_not_change_it(name: str, lane
     np.testing.assert_array_equal(best, [0.0, 2.0])
 
 
-NAN = float("nan")
 DEFAULTS = row(setting="d", rung=-1, is_default=True, cost_gap=0.1)
 
 

@@ -106,51 +106,29 @@ def test_a_name_without_a_lane_is_in_the_lane_direct_and_an_unusable_class_is_ab
     assert [message in reason for message, reason in zip(promised, absent, strict=True)] == [True] * 3
 
 
-def test_an_absent_solver_that_is_selected_by_name_ends_the_race_with_the_reason(tmp_path: Path) -> None:
-    target = installed(tmp_path / "site", "direct.tiny = no_such_module:Mine")
-    call = python(
-        target,
-        "-m",
-        "bench",
-        "race",
-        "--solver",
-        "tiny",
-        "--solver",
-        "daqp",
-        "--lane",
-        "direct",
-        "--set",
-        "paper",
-        "--limit",
-        1,
-        "--out",
-        tmp_path,
-        "--name",
-        "run",
-    )
-    assert call.returncode == 2
-    assert "the selected solver tiny is absent: No module named 'no_such_module'" in call.stderr
-    assert "Traceback" not in call.stderr
-    assert not (tmp_path / "run").exists(), "nothing is left of a race that did not begin"
+REFUSED = {
+    "direct.tiny = no_such_module:Mine": "the selected solver tiny is absent: No module named 'no_such_module'",
+    "direct.daqp = tiny_solvers:Mine": "the package tiny-solvers registers a solver daqp in the lane direct, which has",
+    "direct.a/b = tiny_solvers:Mine": "registers a solver as 'direct.a/b'",
+    "direct.tiny = tiny_solvers": "the name is lane.name and the value module:Class",
+}
+RACES = """
+import sys
+from bench.cli.app import run
+for target in sys.argv[1:]:
+    sys.path.insert(0, target)
+    print(run("race --solver tiny --solver daqp --lane direct --out . --name run".split()))
+    sys.path.pop(0)
+"""
 
 
-@pytest.mark.parametrize(
-    ("entry_point", "message"),
-    [
-        (
-            "direct.daqp = tiny_solvers:Mine",
-            "the package tiny-solvers registers a solver daqp in the lane direct, which has one",
-        ),
-        ("direct.a/b = tiny_solvers:Mine", "registers a solver as 'direct.a/b'"),
-        ("direct.tiny = tiny_solvers", "the name is lane.name and the value module:Class"),
-    ],
-)
-def test_an_invalid_registration_is_refused_with_the_name_of_the_package(
-    tmp_path: Path, entry_point: str, message: str
+def test_an_absent_solver_and_an_invalid_registration_end_a_race_with_the_reason_and_leave_nothing(
+    tmp_path: Path,
 ) -> None:
-    target = installed(tmp_path / "site", entry_point)
-    call = python(target, "-m", "bench", "race", "--solver", "daqp", "--out", tmp_path, "--name", "run")
-    assert call.returncode == 2
-    assert call.stderr.startswith("piezobench race: ")
-    assert message in call.stderr
+    targets = [installed(tmp_path / str(i), entry_point) for i, entry_point in enumerate(REFUSED)]
+    call = python(tmp_path, "-c", RACES, *targets)
+    assert call.stdout.split() == ["2"] * len(REFUSED)
+    for message, sentence in zip(REFUSED.values(), call.stderr.splitlines(), strict=True):
+        assert sentence.startswith("piezobench race: ")
+        assert message in sentence
     assert not (tmp_path / "run").exists()

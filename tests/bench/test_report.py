@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from command_line import CommandLine
 from faulty_solvers import MARKUP
-from small_races import Race
+from small_races import REFERENCE, Race
 
 from bench import rendering
 from bench.derived.ranking import PACE
@@ -81,7 +81,6 @@ def test_plain_text_reads_as_it_was_and_holds_no_markup(text: str) -> None:
     assert not re.search(r"[|<>`*\[\]\\~\n]|&(?!#\d+;)", plain)
 
 
-REFERENCE = Path(__file__).parent.parent.parent / "results" / "reference"
 TABLES = [path.relative_to(REFERENCE) for path in (REFERENCE / "summary.csv", *sorted(REFERENCE.glob("figures/*.csv")))]
 
 

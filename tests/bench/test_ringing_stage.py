@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import CommandLine
+from small_races import REFERENCE
 
 from piezo_model import Dynamics, HysteresisCreepModel, ModelStructure, OperatorState
 from piezo_model.deployment import Deployment
@@ -17,7 +18,6 @@ from piezo_model.units import quantity
 
 T = 1e-4
 DYNAMICS = Dynamics((400.0,), (0.02,), (1.0,), 1.5 * T)
-REFERENCE_RUN = Path(__file__).parent.parent.parent / "results" / "reference"
 LEFT_OUT = "The model is without dynamics although the stage has a resonance at"
 FASTEST = "is without the fastest modes, of which it has the static gain, although the stage has a resonance at 400 Hz"
 
@@ -87,28 +87,23 @@ def test_a_mode_too_fast_for_the_sampling_rate_of_a_file_is_its_static_gain_with
     assert FASTEST in (tmp_path / words[-1]).read_text(encoding="utf-8")
 
 
-def test_exports_invert_the_dynamics_and_carry_the_lag_as_a_constant(
-    piezobench: CommandLine, desk: Path, tmp_path: Path
+@pytest.mark.parametrize("left_out", [False, True])
+def test_exports_invert_the_dynamics_and_carry_the_lag_as_a_constant_or_have_the_static_part_and_the_warning(
+    piezobench: CommandLine, desk: Path, tmp_path: Path, left_out: bool
 ) -> None:
-    lag = HysteresisCreepModel.load(desk / "0.json").dynamics.lag_s(T)
-    for verb, target in (("export-c", "c"), ("export-fmu", "stage.fmu")):
-        piezobench.run(verb, desk / "0.json", target, folder=tmp_path)
-    assert f"#define PIEZO_LAG_S {lag!r}\n" in (tmp_path / "c" / "piezo_parameters.h").read_text(encoding="utf-8")
+    for words in (("export-c", desk / "0.json", "c"), ("export-fmu", desk / "0.json", "stage.fmu")):
+        call = piezobench.run(*words, *["--no-dynamics"] * left_out, folder=tmp_path)
+        assert (LEFT_OUT in " ".join(call.stderr.split())) == left_out
     with zipfile.ZipFile(tmp_path / "stage.fmu") as archive:
         description = archive.read("modelDescription.xml").decode()
-    assert re.search(rf'name="lag" [^/]*variability="constant" [^/]*start="{re.escape(repr(lag))}"', description)
-
-
-def test_the_static_part_is_exported_with_a_warning_in_what_is_written(
-    piezobench: CommandLine, desk: Path, tmp_path: Path
-) -> None:
-    for verb, target in (("export-c", "c"), ("export-fmu", "stage.fmu")):
-        call = piezobench.run(verb, desk / "0.json", target, "--no-dynamics", folder=tmp_path)
-        assert LEFT_OUT in " ".join(call.stderr.split())
-    readme = (tmp_path / "c" / "README.md").read_text(encoding="utf-8")
-    assert re.search(rf"{LEFT_OUT} 400 Hz with damping [0-9.]+ %, a delay of [0-9.]+ us\.", readme)
-    with zipfile.ZipFile(tmp_path / "stage.fmu") as archive:
-        assert LEFT_OUT in archive.read("modelDescription.xml").decode()
+    assert (LEFT_OUT in description) == left_out
+    lag = repr(HysteresisCreepModel.load(desk / "0.json").dynamics.lag_s(T))
+    if left_out:
+        readme = (tmp_path / "c" / "README.md").read_text("utf-8")
+        assert re.search(rf"{LEFT_OUT} 400 Hz with damping [0-9.]+ %, a delay of [0-9.]+ us\.", readme)
+    else:
+        assert f"#define PIEZO_LAG_S {lag}\n" in (tmp_path / "c" / "piezo_parameters.h").read_text("utf-8")
+        assert re.search(rf'name="lag" [^/]*variability="constant" [^/]*start="{re.escape(lag)}"', description)
 
 
 @pytest.mark.parametrize("left_out", [False, True])
@@ -116,7 +111,7 @@ def test_the_model_is_deployed_and_learns_with_its_dynamics_or_with_a_warning(
     piezobench: CommandLine, desk: Path, tmp_path: Path, left_out: bool
 ) -> None:
     out, option = tmp_path / "c.json", ("--no-dynamics",) if left_out else ()
-    deploy = ("deploy", REFERENCE_RUN, "--model", desk / "0.json", "--deadline", 1e6, "--out", out, *option)
+    deploy = ("deploy", REFERENCE, "--model", desk / "0.json", "--deadline", 1e6, "--out", out, *option)
     live = ("live", desk / "0.json", "--simulate", "relay_preisach", "--rate", 1 / T, "--seconds", 0.2, "--no-page")
     for words in (deploy, (*live, *option)):
         call = piezobench.run(*words)

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pandas as pd
 import pytest
-from measured_rows import ladder, measured, row, steps
+from measured_rows import NAN, ladder, measured, row, steps
 
 from bench.derived import pictures
 from bench.derived.measurements import Measurements
@@ -15,8 +15,6 @@ from bench.derived.summary import failures, misses, summary
 from bench.derived.verdict import notes, verdict
 from bench.messages.task import Row, Tier
 from bench.races.figures import figures
-
-NAN = float("nan")
 
 
 def cells(rows: list[Row], terminal: bool = False) -> dict[str, list[str]]:

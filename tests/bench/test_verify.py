@@ -66,21 +66,18 @@ def test_a_run_whose_rows_were_edited_is_refused(
     assert why in refusal
 
 
-def test_a_problem_file_changed_in_one_bit_is_refused(
-    piezobench: CommandLine, clean_race: Race, tmp_path: Path
-) -> None:
-    run = clean_race.copied(tmp_path / "run")
-    (path,) = (run.path / "problems").glob("*.npz")
+def change_a_bit(path: Path) -> None:
     arrays = dict(np.load(path))
     arrays["scaled/q"] = np.nextafter(arrays["scaled/q"], np.inf)
     np.savez(path, **arrays)
-    assert "the certificate belongs to other data" in piezobench("verify", run.path).refusal
 
 
-def test_a_run_without_answers_or_problems_is_refused_in_one_sentence(
-    piezobench: CommandLine, clean_race: Race, tmp_path: Path
+@pytest.mark.parametrize(
+    ("spoil", "why"), [(change_a_bit, "the certificate belongs to other data"), (Path.unlink, "is missing")]
+)
+def test_a_run_whose_problem_was_changed_in_one_bit_or_is_missing_is_refused(
+    piezobench: CommandLine, clean_race: Race, tmp_path: Path, spoil: Callable[[Path], None], why: str
 ) -> None:
     run = clean_race.copied(tmp_path / "run")
-    for path in (run.path / "problems").glob("*.npz"):
-        path.unlink()
-    assert "is missing" in piezobench("verify", run.path).refusal
+    spoil(*(run.path / "problems").glob("*.npz"))
+    assert why in piezobench("verify", run.path).refusal
