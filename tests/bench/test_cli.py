@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from command_line import CommandLine, contents
-from small_races import Race
+from small_races import REFERENCE, Race
 from typer.main import get_command
 
 from bench.cli.app import VERBS, command_line
@@ -46,7 +46,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     header, *rows = (folder / "stage.csv").read_text().splitlines()
     rows[69] = f"{rows[69].split(',')[0]},high,1"
     write_table(folder / "volts.csv", {"time_s": t, "reference_V": t})
-    for name in ("empty", "foreign", "broken"):
+    for name in ("empty", "foreign", "broken", "full"):
         (folder / name).mkdir()
     for name, text in (
         ("two.csv", "\n".join([header, *rows[:2]])),
@@ -54,6 +54,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("broken.xlsx", "PK"),
         ("nan.csv", "time_s,reference_um\n0,1\n0.001,NaN\n0.002,1\n"),
         ("file", ""),
+        ("full/it.fmu", "mine"),
         ("foreign/run.json", "{}"),
         ("broken/run.json", '{"settings": {'),
     ):
@@ -79,6 +80,8 @@ def identified(piezobench: CommandLine, desk: Path) -> None:
     )
     model = (desk / "model.json").read_text()
     (desk / "half.json").write_text(model[: len(model) // 2])
+    data = json.loads(model)
+    (desk / "invalid.json").write_text(json.dumps({**data, "w_H": [0.0, *data["w_H"][1:]]}))
 
 
 def refused(piezobench: CommandLine, folder: Path, *words: object, largest_file: int = 0) -> str:
@@ -291,6 +294,43 @@ CORES = len(cores.usable())
         ),
         (("compensate", "model.json", "nan.csv", "--out", "drive.csv"), ["nan.csv", "data row 2"]),
         (("compensate", "model.json", "missing.csv", "--out", "drive.csv"), ["missing.csv", "no such file"]),
+        ((*COMPENSATE, "--x-start", "40", "--high", "30"), ["--x-start must be within the limits of the drive"]),
+        ((*COMPENSATE, "--x-start", "nan"), ["--x-start must be within the limits of the drive"]),
+        ((*COMPENSATE, "--x-start", "40", "--start", "recording"), ["--x-start: is for --start rest"]),
+        # Exports.
+        (["export-c", "nothing.json", "c"], ["nothing.json: there is no such file"]),
+        (["export-c", "half.json", "c"], ["is not a whole JSON file"]),
+        (["export-c", "invalid.json", "c"], ["w_H[0] must be positive"]),
+        (["export-c", "stage.csv", "c"], ["stage.csv: is not a whole JSON file"]),
+        (["export-c", "model.json", "full"], ["holds it.fmu already; name a new or an empty folder"]),
+        (["export-c", "model.json", "model.json"], ["is a file; name a new folder"]),
+        (["export-c", "model.json", "nowhere/c"], ["nowhere does not exist"]),
+        (["export-c", "model.json", "c", "--low", 9, "--high", 1], ["the lowest drive 9 must be below the highest 1"]),
+        (["export-c", "model.json", "c", "--rate-limit", 0], ["--rate-limit"]),
+        (["export-c", "model.json", "c", "--name", "two words"], ["is not an identifier of C"]),
+        (["export-c", "model.json", "c", "--name", "main"], ["'main' is the name of another file or function"]),
+        (["export-c", "model.json", "c", "--name", "MakeFile"], ["'MakeFile' is the name of another file or function"]),
+        (
+            ["export-c", "model.json", "c", "--name", "compensator"],
+            ["with the name 'compensator' a function could be named COMPENSATOR_KIND, as in core"],
+        ),
+        (["export-c", "model.json", "c", "--name", "play"], ["with the name 'play' a function could be named play_"]),
+        (["export-c", "model.json", "c", "--name", "x" * 32], ["the name has 32 characters"]),
+        (["export-c", "model.json", "c", "--rate-limit", "nan"], ["--rate-limit"]),
+        (["export-c", "model.json", "c", "--rate-limit", "fast"], ["--rate-limit"]),
+        (["export-c", "model.json", "c", "--low", "nan"], ["must be below the highest"]),
+        (["export-c", "model.json", "c", "--high", "inf"], ["must be finite"]),
+        (["export-c", "model.json", "c", "--part", "all"], ["--part"]),
+        (["export-c", "model.json", "c", "--solver", "daqp"], ["--solver"]),
+        (["export-c", "model.json", "c", "--mode", "cyclic"], ["--mode: is for --part learning"]),
+        (["export-c", "model.json", "c", "--speed", "9"], ["--speed"]),
+        (["export-c", "model.json"], ["folder"]),
+        (["export-c", "model.json", "/proc/c"], ["/proc/c: cannot be written"]),
+        (["export-c", "model.json", "c", "--precision", "half"], ["--precision"]),
+        (["export-fmu", "model.json", "it.zip"], ["it.zip does not end in .fmu"]),
+        (["export-fmu", "model.json", "full/it.fmu"], ["full/it.fmu already exists; name a new file"]),
+        (["export-fmu", "model.json", "nowhere/it.fmu"], ["the folder nowhere does not exist"]),
+        (["export-fmu", "model.json", "it.fmu", "--fmi", "4"], ["--fmi"]),
         # Outputs that cannot be written, before the work.
         *(
             ((*call[:-1], out), [message])
@@ -401,6 +441,7 @@ CORES = len(cores.usable())
         ((*LIVE, "--rate", 1e6), ["--rate': Input should be less than or equal to 10000"]),
         ((*LIVE, "--record", "run.csv"), ["must end in .parquet"]),
         ((*LIVE, "--set-point", 300), ["the set point must be a number from -20 to 20 µm, not 300"]),
+        (("compare", REFERENCE), ["two runs or more"]),
         # Folders that are no run.
         *(
             ((verb, name), [name])
@@ -441,15 +482,11 @@ def test_a_disk_that_is_full_leaves_the_old_output_as_it_was(
 # Races.
 
 
-def test_report_on_a_race_that_was_not_finished_says_to_resume_it(
+def test_an_unfinished_race_is_resumed_before_its_report_and_with_its_solver_files(
     piezobench: CommandLine, clean_race: Race, tmp_path: Path
 ) -> None:
-    clean_race.unfinished(tmp_path / "run")
-    assert "resume it" in refused(piezobench, tmp_path, "report", "run")
-
-
-def test_resume_names_a_missing_solver_file(piezobench: CommandLine, clean_race: Race, tmp_path: Path) -> None:
     clean_race.unfinished(tmp_path / "run", solver_files=[str(tmp_path / "gone.py")])
+    assert "resume it" in refused(piezobench, tmp_path, "report", "run")
     assert "gone.py: is not a file" in refused(piezobench, tmp_path, "resume", "run", "--solver", "gone.py")
 
 
@@ -496,7 +533,9 @@ def test_the_compensated_drive_follows_the_reference_better_than_a_straight_line
     assert np.std(error) < 0.01 * np.ptp(wanted)
 
 
-def test_validate_judges_a_model_on_other_data(piezobench: CommandLine, desk: Path, tmp_path: Path) -> None:
+def test_validate_judges_a_model_on_other_data(
+    piezobench: CommandLine, desk: Path, identified: None, tmp_path: Path
+) -> None:
     x = np.loadtxt(desk / "stage.csv", delimiter=",", skiprows=1)[:3000, 1]
     y = actuator().run(x[::-1]) + 2.0
     write_table(

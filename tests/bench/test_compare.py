@@ -285,10 +285,6 @@ def test_the_page_shows_what_differs_and_markdown_survives_any_name(
     assert "<script>" not in markdown
 
 
-def test_one_run_alone_cannot_be_compared(piezobench: CommandLine, wide_race: Race) -> None:
-    assert "two runs or more" in piezobench("compare", wide_race.run.path).refusal
-
-
 PAIRS = 15
 
 

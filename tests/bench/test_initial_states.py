@@ -128,20 +128,6 @@ def test_the_export_at_a_rate_is_that_of_the_model_at_that_rate(
     assert not (tmp_path / "c").exists()
 
 
-def test_a_start_outside_of_the_limits_or_beside_the_states_of_a_recording_is_refused(
-    piezobench: CommandLine, desk: Path, tmp_path: Path
-) -> None:
-    out = tmp_path / "x.csv"
-    for words, sentence in (
-        (("--x-start", 40, "--high", 30), "--x-start must be within the limits of the drive"),
-        (("--x-start", "nan"), "--x-start must be within the limits of the drive"),
-        (("--x-start", 40, "--start", "recording"), "--x-start: is for --start rest"),
-    ):
-        call = piezobench("compensate", desk / "model.json", desk / "wanted.csv", *words, "--out", out)
-        assert sentence in call.refusal
-        assert not out.exists()
-
-
 def test_files_in_mV_and_nm_give_what_those_in_V_and_um_give_and_the_conversion_is_printed(
     piezobench: CommandLine, desk: Path, tmp_path: Path
 ) -> None:
