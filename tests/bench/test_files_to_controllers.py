@@ -12,41 +12,10 @@ import pytest
 from command_line import CommandLine
 from programs import library
 
-from piezo_model import HysteresisCreepModel, plants
+from piezo_model import plants
 from piezo_model.recordings import read_reference, write_table
 
 SAMPLE_TIME = 1e-3
-
-
-@pytest.mark.parametrize("separator", [",", "\t", ";", " ; "])
-def test_a_file_without_a_header_gives_the_model_of_the_same_data_in_a_clean_file(
-    piezobench: CommandLine, tmp_path: Path, separator: str
-) -> None:
-    """No header, an empty first column, time in single precision, output and input, a rest, a jump and a sine, an
-    offset."""
-    t = np.arange(12_000) * SAMPLE_TIME
-    x = np.where(t < 3.0, 0.0, 150.0 * np.sin(2 * np.pi * 0.5 * (t - 3.0) - 0.62)).round(6)
-    y = plants.get("relay_preisach", sample_time=SAMPLE_TIME).run(75.0 + 0.5 * x) - 70.0
-    y = (y + np.random.default_rng(4).normal(0.0, 1e-3 * np.ptp(y), y.size)).round(9)
-    write_table(tmp_path / "clean.csv", {"time_s": t.round(6), "drive_V": x, "position_um": y})
-    (tmp_path / "kept.txt").write_text(
-        "".join(
-            separator.join(["", str(np.float32(a)), f"{b:.9f}", f"{c:.6f}"]) + "\n"
-            for a, b, c in zip(t, y, x, strict=True)
-        )
-    )
-    models = {}
-    for name, columns in (("clean.csv", ()), ("kept.txt", ("--input", 4, "--output", 3))):
-        piezobench.run("identify", name, *columns, "--out", f"{name}.json", folder=tmp_path)
-        models[name] = HysteresisCreepModel.load(tmp_path / f"{name}.json")
-    kept, clean = models["kept.txt"], models["clean.csv"]
-    fit = kept.report["fit"]
-    assert fit["samples"] == t.size
-    assert fit["rms_percent"] < 0.5
-    assert [fit[name] for name in ("rms", "max", "line_percent")] == pytest.approx(
-        [clean.report["fit"][name] for name in ("rms", "max", "line_percent")], rel=1e-9
-    )
-    np.testing.assert_allclose(kept.weights, clean.weights, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.needs("cc")

@@ -11,7 +11,6 @@ from small_races import Race, race_of
 
 from bench.derived.summary import misses
 from bench.problem_files.miss import Miss
-from bench.problems import all_sets
 from bench.races.runs import write
 from solvers import Lane, get
 
@@ -78,37 +77,3 @@ def test_no_misses_are_kept_if_none_are_wanted(race: Race, tmp_path: Path) -> No
     shutil.rmtree(run.path / "misses")
     write(run)
     assert not (run.path / "misses").exists()
-
-
-HS21 = """NAME HS21
-ROWS
- N OBJ
- G R1
-COLUMNS
- X1 R1 10.0
- X2 R1 -1.0
-RHS
- RHS OBJ 100.0
- RHS R1 10.0
-BOUNDS
- LO BND X1 2.0
- UP BND X1 50.0
- LO BND X2 -50.0
- UP BND X2 50.0
-QUADOBJ
- X1 X1 0.02
- X2 X2 2.0
-ENDATA
-"""
-
-
-def test_the_optimum_is_in_the_terms_of_the_file_constant_and_sense_included(
-    piezobench: CommandLine, tmp_path: Path
-) -> None:
-    (tmp_path / "HS21.qps").write_text(HS21)
-    turned = HS21.replace("ROWS", "OBJSENSE\n MAX\nROWS").replace("OBJ 100.0", "OBJ -100.0")
-    (tmp_path / "turned.qps").write_text(turned.replace("X1 0.02", "X1 -0.02").replace("X2 2.0", "X2 -2.0"))
-    made = all_sets()["foreign"](folder=str(tmp_path))
-    assert {problem.name: problem.optimum for problem in made.problems()} == {"HS21": -99.96, "turned": 99.96}
-    listed = piezobench("problems", "--set", "foreign", "--folder", tmp_path)
-    assert re.search(r"^HS21 +-99\.96 ", listed.stdout, re.MULTILINE), listed.stdout
