@@ -156,6 +156,7 @@ int offered(void *learner, double *inverse)
 """
 SIZE = 40_000
 INTERVALS = 10
+THREADED = ("projected_difference", "continuous")
 KINDS = ("plain", "thread sanitizer")
 
 
@@ -207,7 +208,10 @@ def run_threaded(
     return np.fromfile(target), dict(zip(names, map(int, done.stdout.split()), strict=True))
 
 
-@pytest.mark.parametrize("solver", LOOPS)
+@pytest.mark.parametrize(
+    "solver",
+    [*THREADED, *(pytest.param(each, marks=pytest.mark.slow) for each in LOOPS if each not in THREADED)],
+)
 def test_a_learner_in_a_thread_of_its_own_that_is_in_time_changes_no_bit(
     threaded: Callable[[str], Path], solver: str
 ) -> None:
@@ -219,7 +223,7 @@ def test_a_learner_in_a_thread_of_its_own_that_is_in_time_changes_no_bit(
     assert events["late_offers"] == events["dropped_blocks"] == events["torn"] == 0
 
 
-@pytest.mark.parametrize("solver", ["projected_difference", "continuous"])
+@pytest.mark.parametrize("solver", THREADED)
 def test_a_late_learner_costs_samples_that_are_counted_and_never_the_limits_or_half_of_its_weights(
     threaded: Callable[[str], Path], solver: str
 ) -> None:

@@ -153,6 +153,7 @@ def test_the_drive_stays_in_its_range_and_has_its_rate_its_holds_and_a_picture(
     assert "<svg" in page.read_text() or "vega" in page.read_text()
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("plant", plants.names())
 def test_hysteresis_and_creep_of_every_plant_are_found_from_its_recording(tmp_path: Path, plant: str) -> None:
     drive = tmp_path / "drive.csv"
