@@ -224,10 +224,6 @@ def test_every_lane_is_measured_on_every_problem_and_the_papers_method_also_from
     assert [task.setting.rung for task in at_line] == [-1, *range(8)]
 
 
-def test_a_race_of_no_named_lanes_has_all_of_them() -> None:
-    assert RaceSettings().lanes == (Lane.KERNEL, Lane.DIRECT, Lane.QPSOLVERS, Lane.CVXPY)
-
-
 GIVEN = (
     "--limit",
     2,

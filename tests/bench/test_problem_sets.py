@@ -309,7 +309,8 @@ def by_seed() -> list[dict[str, RaceProblem]]:
     return [{problem.name: problem for problem in make("measured", seed).problems()} for seed in range(PROGRAMS + 1)]
 
 
-def test_measured_actuators_are_raced_by_default_and_have_sources_and_licences() -> None:
+def test_measured_actuators_are_raced_by_default_in_all_lanes_and_have_sources_and_licences() -> None:
+    assert RaceSettings().lanes == ("kernel", "direct", "qpsolvers", "cvxpy")
     assert RaceSettings().problem_sets == ("paper", "measured")
     files = list(FOLDER.glob("*.npz"))
     assert len(files) == len(make("measured").names()) >= 3
