@@ -53,7 +53,7 @@ def race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> R
 
 
 def test_a_solver_gets_the_data_of_each_sample_and_a_slow_one_the_newest(race: Race) -> None:
-    rows = race.rows[race.rows.timed == "scheduled"].set_index("solver")
+    rows = race.rows[(race.rows.timed == "scheduled") & (race.rows.solver != "honest")].set_index("solver")
     assert {"null", "daqp", "slow"} <= set(rows.index)
     assert (rows.due == SAMPLES).all()
     assert (rows.samples <= SAMPLES).all()
