@@ -200,8 +200,8 @@ def test_the_commands_from_a_recording_to_a_controller_work_as_printed(tmp_path:
     assert (tmp_path / "stage.fmu").is_file()
 
 
-OF_OTHERS = {"--depth", "--help", "--hypothesis-profile", "--quick", "--situations", "--tosses"}
-"""Options that pages name of git, pytest, example scripts, every verb, and the race that a page adds."""
+OF_OTHERS = {"--depth", "--help", "--hypothesis-profile", "--package", "--quick", "--situations", "--tosses"}
+"""Options that pages name of git, pytest, scripts, every verb, and the race that a page adds."""
 
 
 def test_every_verb_and_option_that_a_page_names_exists() -> None:
