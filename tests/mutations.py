@@ -144,8 +144,9 @@ def main() -> None:
             test = failing(tree, files, SECONDS, "-x") if files else ""
             path.write_bytes(source)
             verdict = "undecided" if test is None else "caught" if test else "survived" if files else "not entered"
-            change = f"{ast.unparse(each.node)}  →  {each.text}"
-            print(f"{verdict:12}{each.path}:{each.node.lineno}  {change}  {test or ''}", flush=True)
+            print(
+                f"{verdict:12}{each.path}:{each.node.lineno}", ast.unparse(each.node), "→", each.text, test, flush=True
+            )
 
 
 if __name__ == "__main__":

@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from command_line import CommandLine, contents
+from command_line import CommandLine, Finished, contents
 from small_races import REFERENCE, Race
 from typer.main import get_command
 
-from bench.cli.app import VERBS, command_line
+from bench.cli.app import VERBS, command_line, run
 from bench.problems import sets
 from bench.timing import cores
 from piezo_model import plants
@@ -451,10 +451,18 @@ CORES = len(cores.usable())
     ],
     ids=str,
 )
+@pytest.mark.usefixtures("identified")
 def test_an_invalid_call_is_refused_in_one_sentence_and_changes_no_file(
-    piezobench: CommandLine, desk: Path, identified: None, words: Sequence[object], parts: Sequence[str]
+    desk: Path,
+    words: Sequence[object],
+    parts: Sequence[str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    sentence = refused(piezobench, desk, *words)
+    monkeypatch.chdir(desk)
+    before = contents(desk)
+    sentence = Finished(run([str(word) for word in words]), *capsys.readouterr()).refusal
+    assert contents(desk) == before
     assert all(part in sentence for part in parts), sentence
     assert Path("/dev/null").is_char_device()
 

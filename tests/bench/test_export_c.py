@@ -200,14 +200,21 @@ def test_the_first_drive_of_the_exported_c_is_a_step_of_the_rate_limit_away_from
 
 
 TINY = replace(a_model(), structure=replace(a_model().structure, x_scale=1e-42))
-OUTSIDE = "x_start must be within the limits of the drive, 5 to 145, not "
 
 
 @pytest.mark.parametrize(
     ("model", "settings", "sentence"),
     [
-        (a_model(), ExportSettings(x_limits=LIMITS, x_start=4.0), f"{OUTSIDE}4"),
-        (a_model(), ExportSettings(x_limits=LIMITS, x_start=np.nan), f"{OUTSIDE}nan"),
+        (
+            a_model(),
+            ExportSettings(x_limits=LIMITS, x_start=4.0),
+            "x_start must be within the limits of the drive, 5 to 145, not 4",
+        ),
+        (
+            a_model(),
+            ExportSettings(x_limits=LIMITS, x_start=np.nan),
+            "x_start must be within the limits of the drive, 5 to 145, not nan",
+        ),
         (
             TINY,
             ExportSettings(precision="float"),

@@ -125,8 +125,7 @@ for target in sys.argv[1:]:
 def test_an_absent_solver_and_an_invalid_registration_end_a_race_with_the_reason_and_leave_nothing(
     tmp_path: Path,
 ) -> None:
-    targets = [installed(tmp_path / str(i), entry_point) for i, entry_point in enumerate(REFUSED)]
-    call = python(tmp_path, "-c", RACES, *targets)
+    call = python(tmp_path, "-c", RACES, *(installed(tmp_path / str(i), each) for i, each in enumerate(REFUSED)))
     assert call.stdout.split() == ["2"] * len(REFUSED)
     for message, sentence in zip(REFUSED.values(), call.stderr.splitlines(), strict=True):
         assert sentence.startswith("piezobench race: ")
