@@ -32,8 +32,8 @@ from solvers.arrays import Matrix, Vector
 Coordinates = Literal["slope", "weight"]
 Scaling = Literal["scaled", "raw"]
 
-UNDETERMINED = 1e-11
-"""Largest eigenvalue of the unit-diagonal P, as a share of the largest of all, that may be a rounding error."""
+ROUNDING = 1e-11
+"""Largest entry of the diagonal of P, as a share of the largest of all, that may be a rounding error."""
 
 
 @dataclass(frozen=True)
@@ -73,8 +73,6 @@ class ExcitationReport:
 
     unreached: tuple[str, ...]
     """Weights whose threshold the drive never reached."""
-    undetermined: tuple[str, ...]
-    """Combinations of the other weights that the data do not determine, largest members first."""
     condition: float
     """Condition number of the unit-diagonal P over the reached weights, without the proximal term; at most 1/ε of the
     machine, the limit of rounding."""
@@ -158,7 +156,7 @@ class IdentificationProblem:
         entered = np.where(r_S > 0.0, e.y_max > r_S, (r_S == 0.0) | (e.y_min < r_S))
         diagonal = np.diag(self._data_in_slopes[0])
         return np.array([*e.play_moved, *entered, *e.creep_moved, *[True] * s.offset]) & (
-            diagonal > UNDETERMINED * np.max(diagonal)
+            diagonal > ROUNDING * np.max(diagonal)
         )
 
     @cached_property
@@ -224,20 +222,14 @@ class IdentificationProblem:
         return float(0.5 * w @ self.P @ w + self.q @ w + self.c)
 
     def excitation_report(self) -> ExcitationReport:
-        """Report unreached thresholds and undetermined directions."""
+        """Report unreached thresholds and the condition of the program."""
         P, reached = self._data_in_slopes[0], self.reached
         names = np.array(self.structure.weight_names)
         if not reached.any():
-            return ExcitationReport(tuple(names.tolist()), (), 1.0)
+            return ExcitationReport(tuple(names.tolist()), 1.0)
         D = 1.0 / np.sqrt(np.diag(P)[reached])
-        values, vectors = np.linalg.eigh(P[np.ix_(reached, reached)] * np.outer(D, D))
-        undetermined = []
-        for vector in vectors.T[values <= UNDETERMINED * values[-1]]:
-            order = np.argsort(-np.abs(vector))
-            large = order[np.abs(vector[order]) > 0.3 * np.abs(vector[order[0]])]
-            undetermined.append(", ".join(names[reached][large]))
+        values = np.linalg.eigvalsh(P[np.ix_(reached, reached)] * np.outer(D, D))
         return ExcitationReport(
             tuple(names[~reached].tolist()),
-            tuple(undetermined),
             float(values[-1] / max(values[0], np.finfo(float).eps * values[-1])),
         )

@@ -10,8 +10,7 @@ from scipy.signal import welch
 
 from piezo_model.identification.autocorrelation import independent_samples
 from piezo_model.identification.error_model import Solving, accumulate, counted_from
-from piezo_model.identification.forward import simulate
-from piezo_model.identification.validation import Validation, start_and_transient
+from piezo_model.identification.validation import Validation, modelled, start_and_transient
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.recordings import Recording
@@ -78,7 +77,7 @@ def review(recording: Recording, model: HysteresisCreepModel, validation: Valida
         model,
         part.x,
         part.y,
-        simulate(s, model.arrays, part, states, model.seen.dynamics),
+        modelled(model.seen, part, states, skip),
         skip,
         _weights(problem, model.weights, known),
         (*sentences, *(f"{remark[0].upper()}{remark[1:]}." for remark in recording.notes)),

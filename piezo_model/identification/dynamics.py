@@ -10,8 +10,7 @@
 A richer model is taken for a clear gain in the error alone. The dynamics are kept if the scan gains GAIN of the
 whitened squares; the squared error on held-out blocks of three periods falls, by an F test with as many degrees of
 freedom as there are independent samples (a drive that rings at some time) or in the mean of its logarithm over the
-blocks (one that rings faintly all the time); the frequency is known to UNCERTAIN; and no
-bound holds a frequency or a damping. They stay as they are in all that follows: beside creep of all rates they are
+blocks (one that rings faintly all the time); and no bound holds a frequency or a damping. They stay as they are in all that follows: beside creep of all rates they are
 less biased than beside that of the final model.
 
 A stage that shows no mode may have a delay of the output, or an amplifier that lags. Hysteresis lags too, so the
@@ -59,8 +58,8 @@ LagChoice = Literal["estimate", "remove", "ignore"]
 GAIN, NOTABLE = 0.02, 0.1
 """Smallest share of the whitened squares that a mode has to explain, and that at which one that is not kept is worth a
 sentence."""
-LEAST_DAMPED, MOST_DAMPED, UNCERTAIN = 1e-3, 0.9, (0.03, 0.1)
-"""Bounds of a damping, and largest standard error of a frequency, as a share of it, or of it and the damping ratio."""
+LEAST_DAMPED, MOST_DAMPED = 1e-3, 0.9
+"""Bounds of a damping."""
 SAMPLES, CHANCE, SIGNIFICANT, DELAY, WHOLE = 100_000, 1e-3, 4.0, 0.7, 0.7
 """Samples from the start that decide; largest probability of the gain on held-out data without a mode, and the smallest
 gain in its standard errors; delay in samples with which fits begin, and share of the static gain below which
@@ -68,8 +67,9 @@ one begins with the residual compliance of the scan, too."""
 ORDERS = 20, 5
 """Orders n and m that the fits have beside those of the start: what plays are too few for is taken for dynamics, and
 moves the frequency."""
-STEPS, FOLD_STEPS, PERIODS, SHORTEST = 6, 1, 3.0, 20
-"""Steps of a fit and of one without some blocks, and periods, and fewest samples, of a block."""
+STEPS, FOLD_STEPS, PERIODS, SHORTEST, RECENTRED = 6, 1, 3.0, 20, 7
+"""Steps of a fit and of one without some blocks; periods, and fewest samples, of a block; and further fits around a
+lightly damped mode."""
 RINGING, APART, LIGHTLY_DAMPED = 0.5, 0.1, 0.25
 """RMS of a further mode at which the model does not describe the stage, per cent of the output's range; smallest
 difference of the logarithms of two frequencies; largest damping of a mode beside another, and of one that is not kept
@@ -337,7 +337,8 @@ class DynamicsTrials:
         orders: tuple[int, int] = ORDERS,
     ) -> DynamicsTrials:
         """From the start of a static stage, that of the recording through an inverse, of which both may be longer."""
-        own, counted = prepared.structure, counted_from(recording, prepared.skip)
+        late = min(int(LONGEST), recording.length // 10)  # first outputs may be those of a drive from before
+        own, counted = prepared.structure, counted_from(recording, prepared.skip + late)
         s = with_orders(own, *orders, own.creep_rates or candidate_rates(recording.sample_time, recording.duration_s))
         s = union_of([own, s])
         states = [state_on(own, state, s) for state in prepared.fit.states]
@@ -365,10 +366,16 @@ class DynamicsTrials:
         return percent_of(span, abs(self.structure.y_scale) * math.sqrt(mean_square))
 
     def searched(self, parameters: Parameters, near: ForwardFit | None = None) -> ForwardFit:
-        """Fit, and once more from what was found if a bound holds a frequency or a damping of a smaller error."""
+        """Fit, and once more from what was found if a bound holds a frequency or a damping of a smaller error, and so
+        on while the modes are lightly damped: between the harmonics of a drive, the scan may be far from them."""
         fit, modes = self.fit(parameters, near), len(parameters.start.frequencies_Hz)
-        held = not np.all(fit.free[self.structure.d :][: 2 * modes])
-        return self.fit(found(fit), fit) if held and (near is None or fit.cost < near.cost) else fit
+        cost = math.inf if near is None else near.cost
+        for most_damped in (1.0, *[LIGHTLY_DAMPED] * RECENTRED):
+            inside = np.all(fit.free[self.structure.d :][: 2 * modes])
+            if inside or fit.cost >= cost or max(found(fit).start.damping) >= most_damped:
+                break
+            cost, fit = fit.cost, self.fit(found(fit), fit)
+        return fit
 
     def best(self, none: ForwardFit, one: Parameters, spectra: Spectra) -> tuple[ForwardFit | None, Peak | None]:
         """The fit with the modes, residual compliance and lag that the recording clearly gains from, from one mode,
@@ -443,12 +450,10 @@ class DynamicsTrials:
         parameters, modes, moved = found(best), len(g.frequencies_Hz), best.free[self.structure.d :]
         own = slice(self.structure.d, None)
         deviations = parameters.deviations(best.covariance[own, own])  # 0 for parameters that are not free
-        uncertain = deviations[:modes] > np.maximum(UNCERTAIN[0], UNCERTAIN[1] * np.array(g.damping))
         reasons = {
             "its frequency or damping reaches the bounds of the search": not np.all(moved[: 2 * modes]),
             "it is no mode within the sampling rate": not all(LEAST_DAMPED < zeta < MOST_DAMPED for zeta in g.damping)
             or g.frequencies_Hz[-1] * T > HIGHEST,
-            "its frequency is uncertain": np.any(uncertain),
             "the error on held-out data does not fall": not falls,
         }
         without, behind = (self.percent(squares.sum() / count) for squares in (before, after))
@@ -483,12 +488,14 @@ class DynamicsTrials:
         )
 
     def _held_out(self, fitted: ForwardFit, block: int) -> Vector:
-        """Sum of squares on each block, for fits that have not used it and its like."""
-        number = np.arange(self.recording.length) // block
+        """Sum of squares on each block, for fits that have not used it and its like; 0 on the first block of each part,
+        which all use, since it shows what rings from before."""
+        number, counted = np.arange(self.recording.length) // block, self.counted
+        first = np.isin(number, [number[part.start + np.argmax(counted[part])] for part in self.recording.parts])
         squares = np.zeros(self.recording.length)
-        for inside in (number % 2 == 0, number % 2 == 1):
-            error = self.fit(found(fitted), fitted, inside & self.counted, FOLD_STEPS).error
-            squares += np.where(self.counted & ~inside, error**2, 0.0)
+        for inside in (first | (number % 2 == 0), first | (number % 2 == 1)):
+            error = self.fit(found(fitted), fitted, inside & counted, FOLD_STEPS).error
+            squares += np.where(counted & ~inside, error**2, 0.0)
         return np.asarray(np.bincount(number, squares) + EXACT * block)
 
     def separated(self, recording: Recording, prepared: InitialFit, fitted: ForwardFit) -> StaticView:

@@ -11,7 +11,8 @@ and it is halved as long as the cost rises. The program (6) itself is the start:
 noise of the sensor biases it however long the recording is, and ŷ has none.
 
 With dynamics, ŷ in Ξ and s is the output before them, and the columns of J pass them too; their parameters are further
-unknowns, with derivatives by differences of the simulated output.
+unknowns, with derivatives by differences of the simulated output. What the modes ring from before the recording is part
+of ŷ (`initial_ringing`).
 
 The initial states of a part are a memory curve: play states z over their thresholds r start at the input, z(0) = x,
 with |dz/dr| ≤ 1, and keep what the past has left. Its slopes may be unknowns too. A play or a creep state depends on
@@ -38,6 +39,7 @@ from piezo_model.identification.autocorrelation import autocorrelation_time, ind
 from piezo_model.identification.dynamics_parameters import STEP, Parameters
 from piezo_model.identification.error_model import Solving, States
 from piezo_model.identification.gram_matrix import at_period, gram_of
+from piezo_model.identification.initial_ringing import initial_ringing
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.operator_state import OperatorState, padded_thresholds
 from piezo_model.recordings import Recording
@@ -124,7 +126,9 @@ class Trial:
     static: Vector
     """Output of the model (N,) before the dynamics."""
     y_model: Vector
-    """Output of the model (N,), without the further columns."""
+    """Output of the model (N,), with what rings from before the recording, and without the further columns."""
+    ringing: Vector
+    """What rings from before the recording (N,)."""
     error: Vector
     """y − ŷ (N,), with the further columns."""
     cost: float
@@ -311,14 +315,16 @@ def fit_forward(
             solving.passes += 1
             before = _by_parts(recording, recording.x, begun, lambda T, *drive: before_dynamics(*models[T], *drive))
             static = s.unit_output(before)
-        y_model = static
+        y_model, ringing, beside = static, np.zeros(1), further.signals @ z[d + n : d + n + k]
         if g is not None:
             before = s.y_centre + s.y_scale * static
             behind = _by_parts(recording, before, begun, lambda T, *drive: behind_dynamics(*models[T], *drive))
-            y_model = s.unit_output(behind)
-        error = unit_y - y_model - further.signals @ z[d + n : d + n + k]
+            y_model, modes = s.unit_output(behind), [at[T][1] for T in recording.periods]
+            ringing = initial_ringing(modes, recording, unit_y - y_model - beside, counted)
+            y_model += ringing
+        error = unit_y - y_model - beside
         own = error * scale if counted.all() else (error * scale)[counted]
-        return Trial(z, begun, g, static, y_model, error, float(own @ own) / own.size + EXACT)
+        return Trial(z, begun, g, static, y_model, ringing, error, float(own @ own) / own.size + EXACT)
 
     def linearised(at: Trial) -> tuple[Matrix, Vector, Mask]:
         """P and Jᵀe / N over all unknowns, and which weights moved."""

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from piezo_model.dynamics import Dynamics
+from piezo_model.identification.initial_ringing import decays, orthogonal
 from piezo_model.operator_state import OperatorState, padded_thresholds
 from piezo_model.recordings import Recording
 from piezo_model.regressors import Regressors
@@ -49,7 +50,8 @@ def gram_of(
     and which operators moved (d,).
 
     The columns are a function of the number of a part, samples of it, and their rows (x, Ξ(x, y)) from each of the
-    starts, one after another. They pass the dynamics; those ``beside`` (N, k) do not.
+    starts, one after another. They pass the dynamics; those ``beside`` (N, k) do not. Behind modes, all count as far as
+    they are orthogonal to what rings from before a part.
     """
     blocks = max(1, math.ceil(recording.length / GRAM_SAMPLES))
     size, r = CHUNK // blocks, padded_thresholds(s)
@@ -62,9 +64,11 @@ def gram_of(
         lowest = np.minimum(lowest, np.minimum(first_play, unit_x.min() + r))
         highest = np.maximum(highest, np.maximum(first_play, unit_x.max() - r))
         regressors, through = [Regressors(own, start[i], slopes=slopes) for start in starts], None
+        ringing, gram = decays(lagging, T, counted[part]), np.zeros(())
         for k, first in enumerate(range(part.start, part.stop, size)):
             samples = slice(first, min(first + size, part.stop))
-            x = unit_x[first - part.start : samples.stop - part.start]
+            within = slice(first - part.start, samples.stop - part.start)
+            x = unit_x[within]
             if k % blocks:
                 through = None
                 for each in regressors:
@@ -74,10 +78,13 @@ def gram_of(
             if lagging is not None:
                 through = through or lagging.stream(own.sample_time)
                 J = through(J)
-            chosen = np.hstack([J, beside[samples]])
+            rings = np.zeros((len(J), ringing.shape[1]))
+            rings[: len(ringing[within])] = ringing[within]
+            chosen = np.hstack([rings, J, beside[samples]])
             if not counted[samples].all():
                 chosen = chosen[counted[samples]]
-            total, count = total + weight * (chosen.T @ chosen), count + weight * len(chosen)
+            gram, count = gram + chosen.T @ chosen, count + weight * len(chosen)
+        total = total + weight * orthogonal(gram, ringing.shape[1])
     plays = (highest - lowest > STILL)[: s.n + 1]
     moved = np.ones(s.d, dtype=bool)  # a piece of S⁻¹ that the output never enters has a column of zeros
     moved[s.slices[0]], moved[s.slices[2]] = plays[1:], plays[: s.creep_weights]

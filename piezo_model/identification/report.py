@@ -30,8 +30,8 @@ FIGURES = {
     "creep_percent_per_decade": "creep",
     "offset": "offset",
 }
-MOST, SHOWN = 7, 6
-"""Most findings, after which further ones are said on the page, and most weights that a sentence names."""
+MOST = 7
+"""Most findings, after which further ones are said on the page."""
 NO_LOOP, FAR_MORE = 0.2, 3.0
 """Largest width of a loop, per cent of the output's range, that is none, and smallest ratio of the largest errors of
 skipped and counted samples that indicates a transient."""
@@ -158,7 +158,7 @@ class FitReport:
     def _facts(self, s: ModelStructure) -> Iterator[str]:
         """Further sentences of the page."""
         rates, unreached = ", ".join(f"{rate:g}" for rate in s.creep_rates), ", ".join(self.excitation.unreached)
-        combinations, slight_lag = self.excitation.undetermined, self.lag is not None and not self.lag.is_significant
+        slight_lag = self.lag is not None and not self.lag.is_significant
         for applies, sentence in (
             (True, self._drive_sentence),
             (self.start in STARTS, STARTS.get(self.start)),
@@ -171,12 +171,6 @@ class FitReport:
             (
                 unreached,
                 f"The drive never reached the thresholds of {unreached}; these weights stay at their reference.",
-            ),
-            (
-                combinations,
-                f"Combinations of the weights that the data do not determine: {len(combinations)}, the first that of "
-                f"{', '.join(''.join(combinations[:1]).split(', ')[:SHOWN])}; vary the drive more, in amplitude and "
-                "speed, or ask for lower orders.",
             ),
         ):
             if applies:

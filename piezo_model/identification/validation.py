@@ -20,6 +20,7 @@ from piezo_model.identification.dynamics_parameters import Parameters
 from piezo_model.identification.error_model import Solving, States, counted_from, one_thread, percent_of
 from piezo_model.identification.fit_errors import Fit, fit_of
 from piezo_model.identification.forward import NUDGE, Columns, ForwardFit, fit_forward, simulate
+from piezo_model.identification.initial_ringing import initial_ringing
 from piezo_model.identification.start import initial_segment, longest_transient, start_of, transient, y_range
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
@@ -103,10 +104,7 @@ def validate(model: piezo_model.HysteresisCreepModel, recording: Recording) -> V
     states, skip = start_and_transient(seen, recording)
     recording = recording.in_units(s.input_unit, s.output_unit)
     low, high = y_range(recording, skip)
-    errors, counted = (
-        recording.y - simulate(s, model.arrays, recording, states, seen.dynamics),
-        counted_from(recording, skip),
-    )
+    errors, counted = recording.y - modelled(seen, recording, states, skip), counted_from(recording, skip)
     inside = errors[counted & (np.abs(s.unit_input(recording.x)) <= WITHIN)]
     shift = float(inside.mean()) if inside.size > FEWEST_INSIDE * np.count_nonzero(counted) else 0.0
     farthest = float(np.max(np.abs(s.unit_input(np.array(recording.x_range)))))
@@ -180,8 +178,8 @@ def _with_creep_levels(
         nudged = state.copy()
         nudged.creep.reshape(-1, s.lanes)[rate, : s.n + 1] += NUDGE
         solving.passes += 1
-        change = s.unit_output(simulate(s, arrays, part, [nudged], found.dynamics)) - found.y_model
-        effects.append(change / NUDGE)
+        nudged_y = s.unit_output(simulate(s, arrays, part, [nudged], found.dynamics))
+        effects.append((nudged_y + found.ringing - found.y_model) / NUDGE)
 
     def fit(further: Columns) -> ForwardFit:
         return fit_forward(
@@ -195,13 +193,22 @@ def _with_creep_levels(
     return other if found.improved_by(other, len(effects)) else found
 
 
+def modelled(model: piezo_model.HysteresisCreepModel, recording: Recording, states: States, skip: int = 0) -> Vector:
+    """Output (N,) of a model over a recording in its units, from the states before each part, with what rings from
+    before the first sample after ``skip``."""
+    y = simulate(model.structure, model.arrays, recording, states, model.dynamics)
+    error, counted = recording.y - y, counted_from(recording, skip)
+    return y + initial_ringing([model.dynamics] * len(states), recording, error - error[counted].mean(), counted)
+
+
 @one_thread
 def simulated(model: piezo_model.HysteresisCreepModel, recording: Recording, state: OperatorState | None) -> Vector:
     """Output (N,) of a model over a recording, from the states before each part with which it errs least, or from given
     ones before the first sample."""
     model = model.at(recording.sample_time)
     s = model.structure
-    given = [] if state is None else [state]
-    if len(given) < len(recording.starts):
-        given += start_and_transient(model, recording)[0][len(given) :]
-    return simulate(s, model.arrays, recording.in_units(s.input_unit, s.output_unit), given, model.dynamics)
+    recording = recording.in_units(s.input_unit, s.output_unit)
+    if state is None:
+        return modelled(model, recording, start_and_transient(model, recording)[0])
+    later = start_and_transient(model, recording)[0][1:] if recording.starts[1:] else []
+    return simulate(s, model.arrays, recording, [state, *later], model.dynamics)

@@ -1,8 +1,7 @@
-"""The measurement of a plant: drifting gain, lag, delay, offset, noise, quantisation and gaps, in this order.
+"""The measurement of a plant: drifting gain, delay, offset, noise, quantisation and gaps, in this order.
 
     d(k) = y_c + g(k Ts) (y(k) − y_c),   g(t) = 1 + ġ t + ĝ sin(2π t / T)
-    l(k) = l(k−1) + (1 − e^(−Ts/τ)) (d(k) − l(k−1))
-    m(k) = Q( l(k − D) + b + σ ν(k) ),   Q(v) = Δ round(v / Δ)
+    m(k) = Q( d(k − D) + b + σ ν(k) ),   Q(v) = Δ round(v / Δ)
 
 and NaN for the last G of every P samples. y_c is the centre of the plant's range, ν white and Gaussian. The
 gain belongs to the actuator (temperature, ageing), the rest to the sensor and its converter.
@@ -12,7 +11,6 @@ import math
 from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
-import scipy  # its parts are imported when they are first used
 from numpy.typing import ArrayLike
 
 from piezo_model import checks
@@ -49,8 +47,6 @@ class Sensor(Plant):
         T, s.
     offset_um : float
         b, µm.
-    lag_s : float
-        τ, s; the lag is settled at the first sample.
     gap_samples, gap_period_samples : int
         G and P, with G below P; 0 for no gaps.
     delay_samples : int
@@ -79,7 +75,6 @@ class Sensor(Plant):
     gain_swing: float = 0.0
     gain_swing_period_s: float = 10.0
     offset_um: float = 0.0
-    lag_s: float = 0.0
     gap_samples: int = 0
     gap_period_samples: int = 1000
     delay_samples: int = 0
@@ -87,7 +82,7 @@ class Sensor(Plant):
 
     def __post_init__(self) -> None:
         """Check the options and start at time zero."""
-        checks.not_negative(noise_um=self.noise_um, quantum_um=self.quantum_um, lag_s=self.lag_s)
+        checks.not_negative(noise_um=self.noise_um, quantum_um=self.quantum_um)
         checks.finite(gain_drift_per_s=self.gain_drift_per_s, gain_swing=self.gain_swing, offset_um=self.offset_um)
         checks.positive(gain_swing_period_s=self.gain_swing_period_s)
         checks.whole(0, delay_samples=self.delay_samples, gap_samples=self.gap_samples, seed=self.seed)
@@ -102,8 +97,7 @@ class Sensor(Plant):
     def _begin(self) -> None:
         self._generator = np.random.Generator(np.random.SFC64(self.seed))
         self._samples = 0
-        self._line, self._lagging = np.zeros(self.delay_samples), np.zeros(1)
-        self._keep = math.exp(-self.sample_time / self.lag_s) if self.lag_s > 0.0 else 0.0
+        self._line = np.zeros(self.delay_samples)
 
     def run(self, x: ArrayLike) -> Vector:
         """Continue with a drive and measure; see :meth:`Plant.run`."""
@@ -116,14 +110,9 @@ class Sensor(Plant):
         centre = 0.5 * (self.y_range[0] + self.y_range[1])
         drifted = centre + gain * (y - centre)
         if self._samples == 0:
-            self._line[:], self._lagging[:] = drifted[0], drifted[0]
+            self._line[:] = drifted[0]
         at = (self._samples + np.arange(y.size)) % self.gap_period_samples
         self._samples += y.size
-        if self._keep:
-            drifted, state = scipy.signal.lfilter(
-                [1.0 - self._keep], [1.0, -self._keep], drifted, zi=self._keep * self._lagging
-            )
-            self._lagging = state / self._keep
         passing = np.concatenate([self._line, drifted])
         self._line = passing[y.size :].copy()
         # Noise is drawn even if its size is 0: changing the size alone never changes its sequence.

@@ -111,7 +111,7 @@ CASES = {
         )
         for name in plants.names()
     },
-    "a sensor": used(partial(sensor, lag_s=0.01, delay_samples=3), lambda one, seed: one.run(volts(signal(seed, 200)))),
+    "a sensor": used(partial(sensor, delay_samples=3), lambda one, seed: one.run(volts(signal(seed, 200)))),
     "a flexure": used(
         lambda: plants.Flexure(plants.get("bouc_wen", sample_time=T), Dynamics((30.0,), (0.02,), (0.9,), 0.5 * T)),
         lambda plant, seed: plant.run(volts(signal(seed, 200))),

@@ -126,6 +126,27 @@ def test_each_part_of_a_recording_begins_in_balance() -> None:
     assert model.validate(recording).fit.rms_percent < 0.05 < model.static.validate(recording).fit.rms_percent
 
 
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("drive", ["triangles", "steps"])
+def test_a_recording_that_begins_while_the_stage_moves_or_rings_is_described_to_its_noise(
+    drive: str, seed: int
+) -> None:
+    rng, t = np.random.default_rng(seed), T * np.arange(36_000)
+    x = steps(t.size, seed)
+    if drive == "triangles":
+        x = 150.0 * np.abs(2.0 * (rng.uniform(10.0, 30.0) * t % 1.0) - 1.0)
+    f, damping = rng.uniform(200.0, 700.0), rng.uniform(0.005, 0.03)
+    y = through_modes(0.2 * x, [(f, damping, 1.0)], 0.5 * T) + 0.03 * rng.normal(size=x.size)  # 0.1 % of the range
+    first, second = (Recording.from_arrays(x[at], y[at], T) for at in (slice(6031, 21_000), slice(21_000, None)))
+    model = identify(first, n=2, m=1, creep_rates=())
+    assert model.dynamics is not None
+    assert model.dynamics.frequencies_Hz[0] == pytest.approx(f, rel=2e-3)
+    assert model.dynamics.damping[0] == pytest.approx(damping, rel=0.05)
+    for fit in (model.report["fit"], vars(model.validate(second).fit)):
+        assert fit["rms"] == pytest.approx(0.03, rel=0.05)
+        assert fit["max"] < 6.0 * fit["rms"]
+
+
 def test_a_model_with_dynamics_is_saved_to_the_bit(tmp_path: Path) -> None:
     model, path = ringing(), tmp_path / "model.json"
     model.save(path)

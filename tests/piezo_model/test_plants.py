@@ -28,7 +28,6 @@ def measured(name):
         gain_swing_period_s=0.7,
         offset_um=0.3,
         delay_samples=3,
-        lag_s=2e-3,
         gap_samples=7,
         gap_period_samples=90,
         seed=5,
