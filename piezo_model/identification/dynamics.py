@@ -10,8 +10,8 @@
 A richer model is taken for a clear gain in the error alone. The dynamics are kept if the scan gains GAIN of the
 whitened squares; the squared error on held-out blocks of three periods falls, by an F test with as many degrees of
 freedom as there are independent samples (a drive that rings at some time) or in the mean of its logarithm over the
-blocks (one that rings faintly all the time); and no bound holds a frequency or a damping. They stay as they are in all that follows: beside creep of all rates they are
-less biased than beside that of the final model.
+blocks (one that rings faintly all the time); and no bound holds a frequency or a damping. They stay as they are in all
+that follows: beside creep of all rates they are less biased than beside that of the final model.
 
 A stage that shows no mode may have a delay of the output, or an amplifier that lags. Hysteresis lags too, so the
 correlation of input and output determines neither: they are unknowns of a forward fit, beside creep and a drift. A lag

@@ -4,7 +4,8 @@
 
 where σ² is the variance of the error, and τ = 1 + 2 Σ ρ_k its autocorrelation time, so that N / τ samples are
 independent. A weight at its bound 0 has the interval from 0 to 1.96 of the deviations that it would have if released,
-and so has hysteresis or creep at 0, which the data may hide; neither is below 0.
+and so has hysteresis or creep at 0, which the data may hide; neither is below 0. Beside creep the offset has
+none: it is that of a stage which has settled for ever.
 The intervals are those for given orders; what the choice of orders adds is not in them. Where no more samples are
 independent than there are unknowns, there are none.
 """
@@ -52,6 +53,8 @@ def intervals(fit: ForwardFit) -> dict[str, Any] | None:
     between = np.column_stack([np.maximum(values - wide, LEAST), values + wide]).tolist()
     return {
         "weights": [pair if pair[0] < pair[1] else None for pair in ends.tolist()],
-        "figures": dict(zip(at, between, strict=True)),
+        "figures": {
+            name: ends for name, ends in zip(at, between, strict=True) if name != "offset" or not s.creep_rates
+        },
         "autocorrelation_time": time,
     }

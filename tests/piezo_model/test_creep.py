@@ -5,7 +5,7 @@ import pytest
 from plain_stage import Vector, stage
 from scipy.signal import sawtooth
 
-from piezo_model import HysteresisCreepModel, Recording, identify, plants
+from piezo_model import HysteresisCreepModel, ModelStructure, Recording, identify, plants
 from piezo_model.identification.creep import ABSENT, INDISTINCT, UNDETERMINED
 from piezo_model.signals import multi_sine
 
@@ -174,3 +174,20 @@ def test_a_recording_that_begins_while_the_stage_creeps_is_validated_from_the_st
     known = model.validate(whole).fit.rms
     assert model.validate(rest).fit.rms == pytest.approx(known, rel=0.2)
     assert known < 0.5
+
+
+@pytest.mark.parametrize("rates", [(30.0, 3.0, 0.3), (100.0, 10.0, 1.0, 0.1)])
+def test_the_gain_is_that_of_the_stage_whatever_the_rates_of_its_creep_and_the_offset_has_no_interval(
+    rates: tuple[float, ...],
+) -> None:
+    made = ModelStructure.equidistant(5, 3, (0.0, 100.0), (0.0, 20.0), rates, 5e-3)
+    w = made.straight_line.copy()
+    w[made.slices[0]], w[made.slices[2].start] = [0.1, 0.08, 0.05, 0.04, 0.03], 0.02
+    truth = HysteresisCreepModel.from_weights(made, w)
+    rng, t = np.random.default_rng(1), np.arange(12_000) * 5e-3
+    u = np.where(t % 5.0 < 2.5, np.repeat(rng.uniform(0.0, 100.0, 12), 1000), 50.0 + 50.0 * np.sin(4.0 * np.pi * t))
+    y = truth.simulate(u)
+    model = identify(Recording.from_arrays(u, y + 1e-3 * np.ptp(y) * rng.normal(size=y.size), 5e-3))
+    gain = truth.figures()["gain"][0]
+    assert model.figures()["gain"][0] == pytest.approx(gain, rel=3e-3)
+    assert model.figures()["offset"][1:] == (None, None)
