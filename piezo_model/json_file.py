@@ -30,8 +30,6 @@ class Versioned(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
 
     FORMAT: ClassVar[str]
     VERSION: ClassVar[int]
-    EARLIER: ClassVar[frozenset[int]] = frozenset()
-    """Versions before that are read too."""
     UPGRADE_HINT: ClassVar[str] = ""
     """Advice for a file of another version."""
     format: str
@@ -180,10 +178,9 @@ def _check_version(data: Any, schema: type[Versioned]) -> None:
     if not isinstance(data, dict) or data.get("format") != schema.FORMAT:
         raise ValueError(f"the format field is not {schema.FORMAT!r}")
     version = data.get("version")
-    if version != schema.VERSION and version not in [*schema.EARLIER]:  # a list holds no set, which would not hash
-        ones = " or ".join(map(str, (*sorted(schema.EARLIER), schema.VERSION)))
+    if version != schema.VERSION:
         raise ValueError(
-            f"version {str(version)[:20]} is not {ones}, the one{'s' * bool(schema.EARLIER)} this program "
+            f"version {str(version)[:20]} is not {schema.VERSION}, the one this program "
             f"reads{schema.UPGRADE_HINT and f'; {schema.UPGRADE_HINT}'}"
         )
 

@@ -17,7 +17,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, cast, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_args
 
 import msgspec
 import numpy as np
@@ -68,8 +68,7 @@ class ModelFile(json_file.Versioned):
 
     FORMAT = "piezobench-model"
     VERSION = 3
-    EARLIER = frozenset({1, 2})
-    SINCE: ClassVar[Mapping[str, int]] = {"dynamics": 2, "left_out": 3, "sensor_delay_s": 3, "fitted": 3}
+    UPGRADE_HINT = "identify again from the recording"
     structure: ModelStructure
     w_H: list[Number]
     w_S_inverse: list[Number]
@@ -81,16 +80,6 @@ class ModelFile(json_file.Versioned):
     sensor_delay_s: Number = 0.0
     fitted: Fitted | None = None
     report: dict[str, Any] = msgspec.field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        for name, version in self.SINCE.items():
-            if self.version < version and getattr(self, name):
-                raise ValueError(f"there is no field {name!r} before version {version}")
-        if self.version < 3:
-            earlier = json_file.convert([self.report.get("left_out_dynamics")], list[Dynamics | None])
-            self.left_out, lag = earlier[0], json_file.convert(self.report.get("lag") or {}, dict[str, Any])
-            samples = json_file.convert(lag.get("samples"), Number) if lag.get("removed") else 0.0
-            self.sensor_delay_s = samples * self.structure.sample_time
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,6 @@
 would have been, for every way to change one and every kind of wrong value. A stage's delay is asked for wherever a
 loop is closed, also where the model is without it."""
 
-import json
 from collections.abc import Callable, Iterator
 from copy import deepcopy
 from dataclasses import replace
@@ -310,18 +309,3 @@ def test_a_gain_is_refused_beside_the_lag_that_the_loop_has_whatever_became_of_i
     fits = Compensator(model, integral_gain=0.5 * most, dynamics=False)
     with pytest.raises(ModelError, match="integral_gain must be below"):
         fits.change_model(replace(model, dynamics=None, left_out=Dynamics((), (), (), 30.0 * T), sensor_delay_s=0.0))
-
-
-def test_a_model_of_the_version_before_has_the_lag_that_was_removed(tmp_path: Path) -> None:
-    path = tmp_path / "model.json"
-    earlier = {k: v for k, v in MODEL.to_dict().items() if k not in ("left_out", "sensor_delay_s")}
-
-    def opened(report: dict[str, Any]) -> HysteresisCreepModel:
-        path.write_text(json.dumps({**earlier, "version": 2, "report": report}))
-        return HysteresisCreepModel.load(path)
-
-    assert opened({"lag": {"samples": 2.0, "removed": True}}).sensor_delay_s == 2.0 * T
-    assert opened({"lag": {"samples": 2.0, "removed": False}}).sensor_delay_s == 0.0
-    assert opened({"left_out_dynamics": Dynamics((), (), (), T).to_dict()}).left_out == Dynamics((), (), (), T)
-    with pytest.raises(ModelError, match=r"model\.json: expected `float`"):
-        opened({"lag": {"removed": True}})

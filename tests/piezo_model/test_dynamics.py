@@ -1,6 +1,5 @@
 """Dynamics of a stage: their filter, its inverse and what does not know them; which dynamics a recording determines."""
 
-import json
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -28,7 +27,6 @@ from piezo_model import (
     plants,
     signals,
 )
-from piezo_model.deployment import Deployment
 from piezo_model.identification.dynamics import GAIN
 from piezo_model.identification.dynamics_parameters import Parameters
 from piezo_model.identification.error_model import Solving
@@ -153,27 +151,6 @@ def test_a_model_with_dynamics_is_saved_to_the_bit(tmp_path: Path) -> None:
     loaded = HysteresisCreepModel.load(path)
     assert loaded.dynamics == SLOW
     np.testing.assert_array_equal(loaded.simulate(a_drive()), model.simulate(a_drive()))
-
-
-def test_a_model_of_the_version_before_is_read_alone_in_a_deployment_and_in_a_learner(tmp_path: Path) -> None:
-    model = true_model(structure())
-    earlier = {**model.to_dict(), "version": 1}
-    del earlier["dynamics"]
-    (tmp_path / "model.json").write_text(json.dumps(earlier))
-    assert HysteresisCreepModel.load(tmp_path / "model.json").dynamics is None
-    (tmp_path / "mixed.json").write_text(json.dumps({**ringing().to_dict(), "version": 1}))
-    with pytest.raises(ModelError, match=r"mixed\.json: there is no field 'dynamics' before version 2"):
-        HysteresisCreepModel.load(tmp_path / "mixed.json")
-
-    usual = {"solver": "box_active_set", "lane": "kernel", "tier": "mid", "settings": {}, "mode": "cyclic"}
-    Deployment(model=model, x_limits=(0.0, 100.0), **usual).save(tmp_path / "deployment.json")
-    content = json.loads((tmp_path / "deployment.json").read_text())
-    (tmp_path / "deployment.json").write_text(json.dumps({**content, "model": earlier}))
-    assert Deployment.load(tmp_path / "deployment.json").model.dynamics is None
-
-    compensator = Compensator(model)
-    compensator.restore({**compensator.get_state(), "model": earlier})
-    assert compensator.model.dynamics is None
 
 
 def test_at_another_sampling_period_a_mode_too_fast_is_its_static_gain_and_other_dynamics_stay(tmp_path: Path) -> None:

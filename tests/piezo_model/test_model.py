@@ -208,7 +208,11 @@ def spoil(change: Callable[[dict[str, Any]], Any]) -> Callable[[str], str]:
         (lambda text: "", "is not a whole JSON file"),
         (lambda text: "[1, 2]", "the format field is not 'piezobench-model'"),
         (lambda text: '{"format": "GeoJSON"}', "the format field is not 'piezobench-model'"),
-        (spoil(lambda data: data.update(version=99)), "version 99 is not 1 or 2 or 3, the ones this program reads"),
+        (spoil(lambda data: data.update(version=99)), "version 99 is not 3, the one this program reads"),
+        (
+            spoil(lambda data: data.update(version=2)),
+            "is not 3, the one this program reads; identify again from the recording",
+        ),
         (spoil(lambda data: data.pop("w_K")), "the field 'w_K' is missing"),
         (spoil(lambda data: data.pop("structure")), "the field 'structure' is missing"),
         (spoil(lambda data: data["structure"].pop("x_scale")), "the field 'structure.x_scale' is missing"),
