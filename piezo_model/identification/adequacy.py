@@ -2,9 +2,8 @@
 
 It is refused if its error exceeds NO_BETTER of a line's, unless what it leaves is white and small beside the output:
 loops in noise, or a line. As its d weights are fitted to the N samples, the error of the next ones is larger by
-√((N + d) / (N − d)). A line then is the model, since noise in the output biases the slope of (6) and not that of
-the line. An outlier of the output, a drive whose turning points lie between its samples, and an output that falls and
-rises again are refused by their names. A refusal is one sentence.
+√((N + d) / (N − d)). An outlier of the output, a drive whose turning points lie between its samples, and an output that
+falls and rises again are refused by their names. A refusal is one sentence.
 """
 
 import math
@@ -39,8 +38,6 @@ outlier's distance from the median to that of any other sample."""
 class Adequacy:
     """The verdict on a fit."""
 
-    straight: bool
-    """Whether a line is as good as the model."""
     refusal: str | None
     """The reason against the model, one sentence without its full stop."""
     monotonic_drive: bool
@@ -80,7 +77,7 @@ def check_adequacy(recording: Recording, fitted: ForwardFit, skip: int, fit: Fit
         refusal = f"{reason}: RMS residual {percent(100.0 * line)} of range with a straight line, {own_error}"
     if not (faults or refusal) and (left := unexplained(signals)):
         faults = [left]
-    return Adequacy(noise and error > LOOPS * line and refusal is None, refusal, is_monotonic(u), faults)
+    return Adequacy(refusal, is_monotonic(u), faults)
 
 
 def is_monotonic(x: Vector) -> bool:

@@ -35,8 +35,6 @@ class Fit:
     line_percent: float
     cubic_percent: float
     """RMS errors of the best line and the best cubic over the counted samples."""
-    line: tuple[float, float]
-    """Constant and slope of the best line, normalised units."""
     span: float
     """The output's full range without a transient, in its unit."""
     missing: int
@@ -72,7 +70,6 @@ def fit_of(recording: Recording, s: ModelStructure, errors: Vector, skipped: int
     error, x, y = errors[counted], recording.x[counted], recording.y[counted]
     stride = math.ceil(x.size / BASELINE_SAMPLES)
     u, v = s.unit_input(x[::stride]), s.unit_output(y[::stride])
-    constant, slope = np.linalg.lstsq(chebvander(u, 1), v, rcond=None)[0].tolist()
     line, cubic = (abs(s.y_scale) * rms(residual(chebvander(u, degree), v)) for degree in (1, 3))
     deviation, largest = rms(error), float(np.max(np.abs(error)))
     return Fit(
@@ -85,7 +82,6 @@ def fit_of(recording: Recording, s: ModelStructure, errors: Vector, skipped: int
         skipped_max_percent=percent_of(span, float(np.max(np.abs(errors[:skipped]), initial=0.0))),
         line_percent=percent_of(span, line),
         cubic_percent=percent_of(span, cubic),
-        line=(constant, slope),
         span=span,
         missing=recording.length - skipped - error.size,
     )

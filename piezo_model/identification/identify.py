@@ -36,7 +36,7 @@ from piezo_model.identification.error_model import (
     prove,
 )
 from piezo_model.identification.fit_errors import Fit, fit_of
-from piezo_model.identification.forward import Columns, ForwardFit, fit_forward, simulate
+from piezo_model.identification.forward import Columns, ForwardFit, fit_forward
 from piezo_model.identification.gram_matrix import SAME_PERIOD
 from piezo_model.identification.intervals import intervals
 from piezo_model.identification.report import FitReport
@@ -344,7 +344,7 @@ class Fitting:
             (f"{one.name}: " * (len(shares) > 1), check_adequacy(one, own, skip, errors, ignored))
             for one, own, errors in shares
         ]
-        name, verdict = min(each, key=lambda of: (of[1].refusal is None, of[1].straight))
+        name, verdict = min(each, key=lambda of: of[1].refusal is None)
         refusal = verdict.refusal and name + verdict.refusal
         if self.separated.finding is not None:
             refusal = self.separated.finding.refusal or refusal
@@ -382,19 +382,14 @@ def _begun(recordings: Sequence[Recording], first: ModelStructure, options: Opti
 
 
 def _reported(fitting: Fitting, final: Final, judged: Judged, selection: Selection | None) -> HysteresisCreepModel:
-    """The model of a final fit, or the line that is as good, with its report."""
+    """The model of a final fit, with its report."""
     fit, problem, options, (verdict, found, recording, shares) = final.fit, final.problem, fitting.options, judged
     s, prepared, determined, solving = fit.structure, fitting.prepared, fitting.determined, fitting.solving
-    straight = verdict.straight and found.line[1] > 0.0
-    model = HysteresisCreepModel.from_weights(s, line(s, found) if straight else fit.weights)
+    model = HysteresisCreepModel.from_weights(s, fit.weights)
     g, lag = fit.dynamics, fitting.separated.lag
     removed = lag is not None and lag.removed
     apart = {"sensor_delay_s": g.delay_s} if removed and g else {"left_out": g or fitting.separated.left_out}
-    model = replace(model, **({"dynamics": g} if g and not (straight or removed) else apart))
-    if straight:
-        errors = recording.y - simulate(s, model.arrays, recording, fit.states)
-        found = fit_of(recording, s, errors, prepared.skip, fitting.span)
-    known = options.estimator == "forward" and not straight
+    model = replace(model, **({"dynamics": g} if g and not removed else apart))
     starts = zip(recording.starts, prepared.starts, fit.states, strict=True)
     per_s = 2.0 * s.y_scale / recording.duration_s
     report = FitReport(
@@ -403,7 +398,7 @@ def _reported(fitting: Fitting, final: Final, judged: Judged, selection: Selecti
         fit=found,
         adequacy=verdict,
         excitation=problem.excitation_report(),
-        certificate=None if straight else prove(problem, final.optimal),
+        certificate=prove(problem, final.optimal),
         lag=lag,
         dynamics=fitting.separated.finding,
         start=prepared.starts[0],
@@ -416,7 +411,7 @@ def _reported(fitting: Fitting, final: Final, judged: Judged, selection: Selecti
         if final.drift is None
         else Drift(per_s * float(fit.further[-1]), abs(per_s) * final.drift.se, percent_of(fitting.span, fit.rms)),
         selection=selection,
-        intervals=intervals(fit) if known else None,
+        intervals=intervals(fit) if options.estimator == "forward" else None,
         figures=figures_of(model),
         units=recording.units,
     )
@@ -435,12 +430,3 @@ def _recordings_of(
         raise IdentificationError("identification from arrays needs x, y and a structure")
     units = {"input_unit": structure.input_unit, "output_unit": structure.output_unit}
     return [Recording.from_arrays(cast(ArrayLike, x), y, structure.sample_time, **units)]
-
-
-def line(s: ModelStructure, fit: Fit) -> Vector:
-    """Weights (d,) of the best straight line, without hysteresis and creep."""
-    w, (constant, slope) = s.straight_line.copy(), fit.line
-    w[s.n + s.middle] = 1.0 / slope
-    if s.offset:
-        w[-1] = constant / slope
-    return w

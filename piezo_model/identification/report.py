@@ -51,7 +51,7 @@ class FitReport:
     fit: Fit
     adequacy: Adequacy
     excitation: ExcitationReport
-    certificate: Certificate | None
+    certificate: Certificate
     lag: Lag | None
     dynamics: DynamicsFinding | None
     start: str
@@ -175,15 +175,12 @@ class FitReport:
         ):
             if applies:
                 yield str(sentence)
-        if self.certificate is None:
-            yield "The model is the best straight line, since the fit is no better on these data."
-        else:
-            steps = ", from which Gauss–Newton steps minimise the error of the output" * (self.estimator == "forward")
-            yield (
-                f"Program (6) solved by {self.solving.solver}{steps}; relative cost gap to its proven optimum "
-                f"{self.certificate.cost_gap:.1e}, condition of P {self.excitation.condition:.1e}."
-            )
-            yield f"{self.solving.passes} passes over the samples and {self.solving.programs} quadratic programs."
+        steps = ", from which Gauss–Newton steps minimise the error of the output" * (self.estimator == "forward")
+        yield (
+            f"Program (6) solved by {self.solving.solver}{steps}; relative cost gap to its proven optimum "
+            f"{self.certificate.cost_gap:.1e}, condition of P {self.excitation.condition:.1e}."
+        )
+        yield f"{self.solving.passes} passes over the samples and {self.solving.programs} quadratic programs."
         if self.selection is not None:
             yield self.selection.sentence
 
