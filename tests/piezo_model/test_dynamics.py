@@ -474,7 +474,7 @@ def test_figures_have_no_intervals_where_the_model_leaves_a_ringing_that_hardly_
 
 
 def test_a_faint_resonance_is_named_with_what_to_record() -> None:
-    recording = made("relay_preisach", "triangle", [(400.0, 0.24, 1.0)], 0.05, size=SIZE // 2)
+    recording = made("relay_preisach", "triangle", [(300.0, 0.1, 1.0)], 0.05, size=SIZE // 8)
     model = identify(recording, force=True)
     assert model.dynamics.frequencies_Hz == ()  # a delay stands for it
     assert any("record steps of 20 ms to determine it" in sentence for sentence in model.report["findings"])
