@@ -25,7 +25,6 @@ POINTS = 200
 """Samples of each branch of the loop, and of the step until t."""
 STEP, CREEPS_FROM_S = 0.8, 0.1
 """Step as a share of the range, and the time after it from which creep counts."""
-NAMES = ("gain", "hysteresis_percent", "creep_percent_per_decade", "offset")
 
 
 def figures_of(model: piezo_model.HysteresisCreepModel) -> dict[str, float]:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from disturbed_sensor import DisturbedSensor
 from references import changing_amplitude, from_samples, set_point_steps
 
 from piezo_model import plants
@@ -226,9 +227,9 @@ class Situation:
             sensor,
         )
 
-    def sensor(self) -> plants.Sensor:
+    def sensor(self) -> DisturbedSensor:
         """The actuator with its sensor, at rest at the low end."""
-        return plants.Sensor(plants.get(self.plant, **self.actuator_options), **self.sensor_options)
+        return DisturbedSensor(plants.get(self.plant, **self.actuator_options), **self.sensor_options)
 
     def structure(self, n: int = 5, m: int = 3, offset: bool = True) -> ModelStructure:
         """The equidistant structure over the ranges assumed by the user."""

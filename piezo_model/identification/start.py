@@ -36,8 +36,9 @@ CURVE_UNKNOWNS = 3
 """Unknowns that one of three curves is worth."""
 HEAD = 200_000
 """Samples after the drive has erased the initial states that decide about the start."""
-MOVED = 0.01
-"""Largest movement of a drive that rests, as a share of its range."""
+NARROWER, FLAT, MOVED = 0.005, 0.1, 0.01
+"""Smallest narrowing of the output's range that is followed, smallest range left, and largest range of a drive that
+rests, as shares of the whole ranges."""
 USUAL = 5, 3
 """Orders n and m of a first fit."""
 TRANSIENT_SHARE, FAR_MORE, NOTABLE, LARGER, SPOILED = 0.1, 4.0, 0.03, 1.5, 3.0
@@ -108,8 +109,8 @@ def prepare(
             found = _fitted(head, _ranged(recording, s, skip, fit_range), skip, solving)
     if head.length < recording.length:
         counted = counted_from(recording, found.skip)
-        return replace(found, fit=_started(recording, counted, found.structure, found.fit.states, solving))
-    return found
+        found = replace(found, fit=_started(recording, counted, found.structure, found.fit.states, solving))
+    return _narrowed(recording, found, solving) if fit_range else found
 
 
 def _started(recording: Recording, counted: Mask, s: ModelStructure, states: States, solving: Solving) -> ForwardFit:
@@ -136,6 +137,19 @@ def _ranged(recording: Recording, s: ModelStructure, skip: int, fit_range: bool)
         return s
     low, high = y_range(recording, skip)
     return replace(s, y_centre=0.5 * (low + high), y_scale=math.copysign(0.5 * (high - low), s.y_scale))
+
+
+def _narrowed(recording: Recording, found: InitialFit, solving: Solving) -> InitialFit:
+    """The same in the range of the modelled output: noise and ringing widen that of the measured one, so that the
+    outermost pieces of S⁻¹ would hardly be visited."""
+    fit, s, counted = found.fit, found.structure, counted_from(recording, found.skip)
+    low, high = float(fit.y_model[counted].min()), float(fit.y_model[counted].max())
+    if high - low < 2.0 * FLAT or max(1.0 - high, low + 1.0) < NARROWER:
+        return found
+    s = replace(s, y_centre=s.y_centre + 0.5 * (low + high) * s.y_scale, y_scale=0.5 * (high - low) * s.y_scale)
+    modelled = replace(recording, y=found.structure.y_centre + found.structure.y_scale * fit.y_model)
+    v = s.inverse_slope_map @ solving.optimum(accumulate(modelled, counted, s, fit.states, solving))
+    return replace(found, structure=s, fit=fit_forward(recording, counted, s, fit.states, v, solving))
 
 
 def _fitted(

@@ -1,13 +1,12 @@
-"""The measurement of a plant: drifting gain, delay, offset, noise, quantisation and gaps, in this order.
+"""The measurement of a plant: drifting gain, delay, offset, noise and quantisation, in this order.
 
-    d(k) = y_c + g(k Ts) (y(k) − y_c),   g(t) = 1 + ġ t + ĝ sin(2π t / T)
+    d(k) = y_c + (1 + ġ k Ts) (y(k) − y_c)
     m(k) = Q( d(k − D) + b + σ ν(k) ),   Q(v) = Δ round(v / Δ)
 
-and NaN for the last G of every P samples. y_c is the centre of the plant's range, ν white and Gaussian. The
-gain belongs to the actuator (temperature, ageing), the rest to the sensor and its converter.
+y_c is the centre of the plant's range, ν white and Gaussian. The gain belongs to the actuator (temperature, ageing),
+the rest to the sensor and its converter.
 """
 
-import math
 from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
@@ -16,15 +15,6 @@ from numpy.typing import ArrayLike
 from piezo_model import checks
 from piezo_model.plants.protocol import Plant
 from solvers.arrays import Vector
-
-
-def gain_from(first: int, count: int, sample_time: float, rate_per_s: float, swing: float, period_s: float) -> Vector:
-    """g at the samples first, first + 1, …, shape (count,)."""
-    t: Vector = np.arange(first, first + count, dtype=np.float64) * sample_time
-    gain: Vector = 1.0 + rate_per_s * t
-    if swing:  # sine by sine, so that one sample has the same bits as many
-        gain += swing * np.array([math.sin(angle) for angle in (2.0 * math.pi * t / period_s).tolist()])
-    return gain
 
 
 @dataclass(eq=False)
@@ -41,14 +31,8 @@ class Sensor(Plant):
         Δ, step of the converter, µm; 0 means none.
     gain_drift_per_s : float
         ġ, 1/s.
-    gain_swing : float
-        ĝ, a pure number.
-    gain_swing_period_s : float
-        T, s.
     offset_um : float
         b, µm.
-    gap_samples, gap_period_samples : int
-        G and P, with G below P; 0 for no gaps.
     delay_samples : int
         D; the first D measurements are of the first displacement.
     seed : int
@@ -72,25 +56,15 @@ class Sensor(Plant):
     noise_um: float = 0.0
     quantum_um: float = 0.0
     gain_drift_per_s: float = 0.0
-    gain_swing: float = 0.0
-    gain_swing_period_s: float = 10.0
     offset_um: float = 0.0
-    gap_samples: int = 0
-    gap_period_samples: int = 1000
     delay_samples: int = 0
     seed: int = 0
 
     def __post_init__(self) -> None:
         """Check the options and start at time zero."""
         checks.not_negative(noise_um=self.noise_um, quantum_um=self.quantum_um)
-        checks.finite(gain_drift_per_s=self.gain_drift_per_s, gain_swing=self.gain_swing, offset_um=self.offset_um)
-        checks.positive(gain_swing_period_s=self.gain_swing_period_s)
-        checks.whole(0, delay_samples=self.delay_samples, gap_samples=self.gap_samples, seed=self.seed)
-        checks.require(
-            lambda gap: gap < self.gap_period_samples,
-            f"below gap_period_samples = {self.gap_period_samples}",
-            gap_samples=self.gap_samples,
-        )
+        checks.finite(gain_drift_per_s=self.gain_drift_per_s, offset_um=self.offset_um)
+        checks.whole(0, delay_samples=self.delay_samples, seed=self.seed)
         self.x_range, self.y_range, self.sample_time = self.plant.x_range, self.plant.y_range, self.plant.sample_time
         self._begin()
 
@@ -104,14 +78,11 @@ class Sensor(Plant):
         y = self.plant.run(x)
         if not y.size:
             return y
-        gain = gain_from(
-            self._samples, y.size, self.sample_time, self.gain_drift_per_s, self.gain_swing, self.gain_swing_period_s
-        )
+        t = np.arange(self._samples, self._samples + y.size, dtype=np.float64) * self.sample_time
         centre = 0.5 * (self.y_range[0] + self.y_range[1])
-        drifted = centre + gain * (y - centre)
+        drifted = centre + (1.0 + self.gain_drift_per_s * t) * (y - centre)
         if self._samples == 0:
             self._line[:] = drifted[0]
-        at = (self._samples + np.arange(y.size)) % self.gap_period_samples
         self._samples += y.size
         passing = np.concatenate([self._line, drifted])
         self._line = passing[y.size :].copy()
@@ -119,11 +90,7 @@ class Sensor(Plant):
         measured = passing[: y.size] + self.offset_um + self.noise_um * self._generator.standard_normal(y.size)
         if self.quantum_um > 0.0:
             measured = self.quantum_um * np.round(measured / self.quantum_um)
-        return (
-            np.where(at < self.gap_period_samples - self.gap_samples, measured, np.nan)
-            if self.gap_samples
-            else measured
-        )
+        return measured
 
     def reset(self) -> None:
         """Put the plant at rest and restart the time and the noise sequence."""

@@ -5,6 +5,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import robustness
+from disturbed_sensor import DisturbedSensor
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from references import changing_amplitude, from_samples, set_point_steps
@@ -29,6 +30,19 @@ def test_a_seed_is_a_situation_in_which_the_reference_can_be_reached(seed: int) 
     assert np.nanmin(y) < situation.y_ref.min() + 0.02 * np.ptp(y[np.isfinite(y)])
     assert np.nanmax(y) > situation.y_ref.max()
     assert situation.structure().d == 19
+
+
+def test_the_disturbances_of_a_sensor_have_their_sizes_however_a_run_is_cut() -> None:
+    x, t = np.repeat([0.0, 150.0], [100, 900]), T * np.arange(900)
+    plain, swinging, lagging, gapped = (
+        DisturbedSensor(plants.get("duhem", sample_time=T, creep_share=0.0), **options)
+        for options in ({}, {"gain_swing": 0.1}, {"lag_s": 0.05}, {"gap_samples": 3, "gap_period_samples": 50})
+    )
+    y, m = plain.run(x), np.concatenate([lagging.run(part) for part in np.split(x, [1, 333])])
+    np.testing.assert_allclose((y - m)[100:] / np.ptp(y), np.exp(-(t + T) / 0.05), atol=1e-9)
+    swing = 1.0 + 0.1 * np.sin(0.2 * np.pi * T * np.arange(1000))
+    np.testing.assert_allclose(swinging.run(x), swing * y, atol=1e-9)
+    assert np.flatnonzero(np.isnan(gapped.run(x))).tolist() == [k for k in range(1000) if k % 50 >= 47]
 
 
 def test_every_kind_of_actuator_and_reference_is_drawn_and_individuals_differ() -> None:

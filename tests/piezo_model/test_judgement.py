@@ -36,11 +36,12 @@ def test_data_in_the_model_class_are_accepted(kind: str) -> None:
     model = identify(recording(DESCRIBABLE[kind], SEED))
     fit = model.report["fit"]
     assert fit["rms_percent"] <= fit["line_percent"] * (1.0 + 1e-9) or fit["rms_percent"] < 1e-4
-    on_a_curve = kind in ("saturation without hysteresis", "a straight line", "a straight line in noise")
+    on_a_curve = kind in ("saturation without hysteresis", "a straight line")
     assert any("No hysteresis" in finding for finding in model.report["findings"]) == on_a_curve
     assert any("falls as the input rises" in finding for finding in model.report["findings"]) == (
         kind == "a falling output"
     )
+    assert model.figures()["hysteresis_percent"][1] == 0.0 or kind != "a straight line in noise"
 
 
 @pytest.mark.sample(1)

@@ -24,12 +24,8 @@ def measured(name):
         noise_um=0.01,
         quantum_um=0.001,
         gain_drift_per_s=1e-3,
-        gain_swing=0.02,
-        gain_swing_period_s=0.7,
         offset_um=0.3,
         delay_samples=3,
-        gap_samples=7,
-        gap_period_samples=90,
         seed=5,
     )
 

@@ -40,8 +40,6 @@ def test_the_gain_drifts_about_the_centre_of_the_range():
     t, plant = np.arange(3000) * TS, plants.get("bouc_wen", sample_time=TS, creep_share=0.0)
     away = plant.run(np.zeros(3000)) - np.mean(plant.y_range)
     np.testing.assert_allclose(added(3000, gain_drift_per_s=0.01), away * 0.01 * t, atol=1e-12)
-    swing = added(3000, gain_swing=0.1, gain_swing_period_s=2.0)
-    np.testing.assert_allclose(swing, away * 0.1 * np.sin(np.pi * t), atol=1e-12)
 
 
 def test_the_measurement_is_the_nearest_multiple_of_the_quantum():
@@ -76,18 +74,11 @@ def test_a_sensor_without_options_measures_the_displacement_itself():
         ("seed", -1),
         ("gain_drift_per_s", np.inf),
         ("offset_um", np.nan),
-        ("gain_swing", np.nan),
-        ("gain_swing_period_s", 0.0),
     ],
 )
 def test_a_sensor_refuses_a_wrong_option_by_its_name(option, value):
     with pytest.raises(ValueError, match=option):
         plants.Sensor(bare("bouc_wen"), **{option: value})
-
-
-def test_gaps_come_at_their_time():
-    m = plants.Sensor(bare("duhem"), gap_samples=3, gap_period_samples=50).run(walk()[:1000])
-    assert np.flatnonzero(np.isnan(m)).tolist() == [k for k in range(1000) if k % 50 >= 47]
 
 
 UNIT = ModelStructure.equidistant(1, 0, (-1.0, 1.0), (-1.0, 1.0), (), 1e-3)
