@@ -98,7 +98,7 @@ def test_an_actuator_that_fails_in_a_run_leaves_the_state_that_steps_without_its
     before += [math.nan] * (len(given) - len(before))
     assert given == [stepped.step(*sample) for sample in zip(y_ref.tolist(), before, strict=False)]
     stepped.run([], unplugged)  # the output of the last step is missing, too
-    with pytest.raises(ValueError, match="the output of the actuator must be made of real numbers, and not of list"):
+    with pytest.raises(ValueError, match="the output of the actuator must hold real numbers, not list"):
         ran.run(y_ref[:1], lambda x: [None])  # type: ignore[list-item, return-value]
     stepped.observe(stepped.drive(y_ref[:1]), [math.nan])
     for part in ("compensator", "last_x", "log"):
