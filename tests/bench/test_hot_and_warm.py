@@ -185,9 +185,10 @@ def test_a_warm_solve_begins_at_its_start_and_does_not_change_it(name: str, lane
     assert outcome.failure == ""
     np.testing.assert_allclose(outcome.x, best, atol=1e-9)
     assert not outcome.mutated
-    assert outcome.times["solve"].size == 7
+    # fewer than seven where the process was off its core for long
+    assert 0 < len(outcome.answers) == outcome.times["solve"].size <= 7
     problem = RaceProblem("none", "none", {"scaled": form})
-    assert judge_timed(problem, fresh, np.arange(7), outcome.answers, 3)["timed_gap"] <= 1e-9
+    assert judge_timed(problem, fresh, np.arange(len(outcome.answers)), outcome.answers, 3)["timed_gap"] <= 1e-9
     np.testing.assert_array_equal(best, [0.0, 2.0])
 
 
