@@ -29,6 +29,9 @@ class LaggingPlant(plants.Plant):
         """Start at time zero."""
         self.x_range, self.y_range, self.sample_time = self.plant.x_range, self.plant.y_range, self.plant.sample_time
         self._keep = math.exp(-self.sample_time / self.lag_s) if self.lag_s > 0.0 else 0.0
+        self._begin()
+
+    def _begin(self) -> None:
         self._samples, self._state = 0, np.zeros(1)
 
     def run(self, x: ArrayLike) -> Vector:
@@ -48,7 +51,7 @@ class LaggingPlant(plants.Plant):
     def reset(self) -> None:
         """Put the plant at rest."""
         self.plant.reset()
-        self.__post_init__()
+        self._begin()
 
 
 class DisturbedSensor(plants.Sensor):
