@@ -128,12 +128,12 @@ def highest_frequency(recording: Recording) -> float:
     True
     """
     highest = 0.0
-    for sweep in recording.head(SAMPLES).sweeps():
-        segment = min(LONGEST_SEGMENT, sweep.length // SEGMENTS)
+    for sample_time, part in zip(recording.periods, recording.parts, strict=True):
+        x, y = (signal[part][: max(0, SAMPLES - part.start)] for signal in (recording.x, recording.y))
+        segment = min(LONGEST_SEGMENT, x.size // SEGMENTS)
         if segment < SHORTEST_SEGMENT:
             continue
-        pairs = (sweep.x, sweep.x), (sweep.y, sweep.y), (sweep.x, sweep.y)
-        spectra = [csd(*pair, 1.0 / sweep.sample_time, "blackmanharris", segment) for pair in pairs]
+        spectra = [csd(*pair, 1.0 / sample_time, "blackmanharris", segment) for pair in ((x, x), (y, y), (x, y))]
         f, (xx, yy, xy) = spectra[0][0], (np.abs(spectrum) for _, spectrum in spectra)
         follows = (xy**2 > COHERENT * xx * yy) & (xx > FAINT * xx.max())
         highest = max(highest, float(f[follows].max(initial=0.0)))

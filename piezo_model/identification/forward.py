@@ -216,13 +216,14 @@ def initial_slopes(s: ModelStructure, state: OperatorState) -> Vector:
     return np.asarray(np.clip(np.diff(state.play[: s.n + 1]) / np.diff(s.thresholds), -1.0, 1.0))
 
 
-def state_with_slopes(part: Recording, s: ModelStructure, slopes: Vector | float) -> OperatorState:
-    """States of a memory curve with slopes dz/dr that begins at the first input of a part; creep rests with the plays.
+def state_with_slopes(x: Vector, s: ModelStructure, slopes: Vector | float) -> OperatorState:
+    """States of a memory curve with slopes dz/dr that begins at the first of the inputs x (N,); creep rests with the
+    plays.
 
-    A play too wide for the drive rests in the middle, where the drive does not move it.
+    A play too wide for the drive rests in the middle of its range, where the drive does not move it.
     """
-    low, high = s.unit_input(np.array([part.x.min(), part.x.max()]))
-    first, half = float(s.unit_input(part.x[:1])[0]), 0.5 * (high - low)
+    low, high = s.unit_input(np.array([x.min(), x.max()]))
+    first, half = float(s.unit_input(x[:1])[0]), 0.5 * (high - low)
     r, play = padded_thresholds(s), np.full(s.lanes, first)
     play[1 : s.n + 1] += np.cumsum(np.diff(s.thresholds) * slopes)
     play = np.where(r >= half, 0.5 * (low + high), play)
@@ -293,7 +294,7 @@ def fit_forward(
     ForwardFit
     """
     further = further or Columns.none(recording.length)
-    sweeps, free_parts = list(recording.sweeps()), np.flatnonzero(np.array(searched, dtype=bool)).tolist()
+    parts, free_parts = recording.parts, np.flatnonzero(np.array(searched, dtype=bool)).tolist()
     n, d, k = s.n * len(free_parts), s.d, further.low.size
     box = _bounds(s, n, further, creep_limits, parameters)
     if weights_known:
@@ -306,7 +307,7 @@ def fit_forward(
         """The trial of the point of the box next to z; the output before the dynamics may be known."""
         z, begun = box.inside(z), list(states)
         for part, slopes in zip(free_parts, z[d : d + n].reshape(len(free_parts), s.n), strict=True):
-            begun[part] = state_with_slopes(sweeps[part], s, slopes)
+            begun[part] = state_with_slopes(recording.x[parts[part]], s, slopes)
         weights = all_weights(s, s.slope_map @ z[:d])
         g = None if parameters is None else parameters.at(z[d + n + k :])
         at = {T: at_period(s, g, T) for T in recording.periods}

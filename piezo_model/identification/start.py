@@ -123,7 +123,7 @@ def _signed(recording: Recording, s: ModelStructure, skip: int, solving: Solving
     """The structure with the sign of the output that has the smaller cost (6)."""
 
     def cost(signed: ModelStructure) -> float:
-        rest = [state_with_slopes(sweep, signed, 0.0) for sweep in recording.sweeps()]
+        rest = [state_with_slopes(recording.x[part], signed, 0.0) for part in recording.parts]
         problem = accumulate(recording, counted_from(recording, skip), signed, rest, solving)
         return problem.cost(solving.optimum(problem))
 
@@ -156,23 +156,23 @@ def _fitted(
     recording: Recording, s: ModelStructure, skip: int, solving: Solving, state: OperatorState | None = None
 ) -> InitialFit:
     """The forward fit from the best start of every part, or from given states of the first."""
-    counted, sweeps = counted_from(recording, skip), list(recording.sweeps())
+    counted, parts = counted_from(recording, skip), recording.parts
 
     def fit(slope: float) -> ForwardFit:
-        first, *later = (state_with_slopes(sweep, s, slope) for sweep in sweeps)
+        first, *later = (state_with_slopes(recording.x[part], s, slope) for part in parts)
         return _started(recording, counted, s, [state or first, *later], solving)
 
     def search(best: ForwardFit) -> ForwardFit:
         return fit_forward(recording, counted, s, best.states, best.v, solving, searched=[True])
 
-    if len(sweeps) == 1:
+    if len(parts) == 1:
         start, best = ("given", fit(0.0)) if state is not None else best_start(s.n, fit, search)
         return InitialFit(s, skip, [start], best)
     start, best = best_start(s.n, fit)
-    starts, states = [start] * len(sweeps), list(best.states)
-    for i, (sweep, part) in enumerate(zip(sweeps, recording.parts, strict=True)):
+    starts, states = [start] * len(parts), list(best.states)
+    for i, part in enumerate(parts):
         if counted[part].any():
-            starts[i], own = start_of(sweep, counted[part], s, best.v, solving)
+            starts[i], own = start_of(recording.part(part), counted[part], s, best.v, solving)
             states[i] = own.states[0]
     if state is not None:
         starts[0], states[0] = "given", state
@@ -207,7 +207,7 @@ def start_of(
         )
 
     return best_start(
-        s.n, lambda slope: fit([state_with_slopes(part, s, slope)]), lambda best: fit(best.states, [True])
+        s.n, lambda slope: fit([state_with_slopes(part.x, s, slope)]), lambda best: fit(best.states, [True])
     )
 
 

@@ -126,8 +126,9 @@ def start_and_transient(model: piezo_model.HysteresisCreepModel, recording: Reco
     s, solving = model.structure, Solving()
     if model.fitted is not None and len(model.starts) == len(recording.starts) and was_fitted_to(model, recording):
         return model.starts, model.fitted.skipped
-    v, sweeps = s.inverse_slope_map @ model.weights, list(recording.in_units(s.input_unit, s.output_unit).sweeps())
-    states, skips = zip(*(_start_and_transient(model, sweep, v, solving) for sweep in sweeps), strict=True)
+    v, own = s.inverse_slope_map @ model.weights, recording.in_units(s.input_unit, s.output_unit)
+    starts = (_start_and_transient(model, own.part(part), v, solving) for part in own.parts)
+    states, skips = zip(*starts, strict=True)
     return states, skips[0]
 
 

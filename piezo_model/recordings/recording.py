@@ -325,10 +325,6 @@ class Recording(Source):
         """A value of each part for each of its samples, shape (samples,)."""
         return np.repeat(of_parts, np.diff((*self.starts, self.length)))
 
-    def sweeps(self) -> Iterator[Recording]:
-        """The parts of the recording, one by one, each with the ranges of the whole."""
-        return map(self.part, self.parts)
-
     def in_units(self, input_unit: str, output_unit: str) -> Self:
         """Return the recording in other units; where one of two units is unknown, the values are kept.
 

@@ -1,7 +1,7 @@
 """Several recordings of one stage as one, of which each keeps its sampling period."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Self
 
@@ -76,11 +76,3 @@ class Recordings(Recording):
     def periods(self) -> list[float]:
         """Sampling period of each part in s."""
         return [self.recordings[i].sample_time for i in self.owners]
-
-    def sweeps(self) -> Iterator[Recording]:
-        """The parts, one by one, each with its sampling period and the drive's range of all."""
-        for i, samples in zip(self.owners, self.parts, strict=False):
-            part = self.part(samples)
-            yield replace(
-                self.recordings[i], x=part.x, y=part.y, uncounted=part.uncounted, starts=(0,), x_range=self.x_range
-            )

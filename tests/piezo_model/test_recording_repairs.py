@@ -239,8 +239,8 @@ PARTS: dict[str, Callable[[], str]] = {
 def test_sweeps_below_each_other_are_parts(tmp_path: Path, kind: str) -> None:
     recording = opened(tmp_path, PARTS[kind]())
     assert (recording.length, recording.starts, recording.sample_time) == (N, (0, 1000), PERIOD)
-    for sweep in recording.sweeps():
-        np.testing.assert_allclose([sweep.x, sweep.y], [X[SWEEP], Y[SWEEP]], rtol=1e-6)
+    for samples in recording.parts:
+        np.testing.assert_allclose([recording.x[samples], recording.y[samples]], [X[SWEEP], Y[SWEEP]], rtol=1e-6)
     assert "2 consecutive sweeps" in recording.describe()
     part = Recording.open(tmp_path / "stage.csv", from_s=1.0, to_s=2.0)
     assert (part.length, part.starts) == (402, (0, 201))

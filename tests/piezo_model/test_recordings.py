@@ -47,7 +47,7 @@ def test_a_part_has_its_samples_and_starts_and_the_ranges_of_the_whole(stage: Pa
     part = whole.part(slice(50, 250))
     np.testing.assert_array_equal([part.x, part.y], [whole.x[50:250], whole.y[50:250]])
     assert (part.starts, part.length, part.x_range) == ((0, 50), 200, whole.x_range)
-    assert [sweep.length for sweep in whole.sweeps()] == [100, 150, ROWS - 250]
+    assert [part.stop - part.start for part in whole.parts] == [100, 150, ROWS - 250]
     assert whole.head(10 * ROWS).starts == whole.starts
 
 
