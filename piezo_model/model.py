@@ -45,7 +45,7 @@ class ModelError(ValueError):
 
 
 @dataclass(frozen=True)
-class Fitted:
+class Provenance:
     """The recording of the identification."""
 
     recording: str
@@ -78,7 +78,7 @@ class ModelFile(json_file.Versioned):
     dynamics: Dynamics | None = None
     left_out: Dynamics | None = None
     sensor_delay_s: Number = 0.0
-    fitted: Fitted | None = None
+    fitted: Provenance | None = None
     report: dict[str, Any] = msgspec.field(default_factory=dict)
 
 
@@ -107,7 +107,7 @@ class HysteresisCreepModel(Immutable):
         Those of the stage if the model has less of them; a loop around the stage meets them all the same.
     sensor_delay_s : float
         Delay of the sensor that the recording had, and the model is without; a loop that the sensor closes has it.
-    fitted : Fitted, optional
+    fitted : Provenance, optional
         The recording that the weights were identified from.
 
     Raises
@@ -126,7 +126,7 @@ class HysteresisCreepModel(Immutable):
     dynamics: Dynamics | None = None
     left_out: Dynamics | None = None
     sensor_delay_s: float = 0.0
-    fitted: Fitted | None = None
+    fitted: Provenance | None = None
 
     def __post_init__(self) -> None:
         s = self.structure
@@ -232,9 +232,9 @@ class HysteresisCreepModel(Immutable):
         [0.0, 0.75, 0.25]
         """
         if hasattr(x, "counted_y"):  # a Recording, whose class is not imported: it imports the readers of all formats
-            from piezo_model.identification.validation import simulated  # which uses this class
+            from piezo_model.identification.validation import simulate_recording  # which uses this class
 
-            return simulated(self, cast("Recording", x), state)
+            return simulate_recording(self, cast("Recording", x), state)
         state = self.initial_state() if state is None else state
         OperatorState.check_fits(state, self.structure)
         drive = checks.vectors(x=x)[0]  # type: ignore[arg-type]

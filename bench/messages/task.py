@@ -66,8 +66,8 @@ class Tier(StrEnum):
     EXACT = "exact"
     """Relative cost gap 1e-12."""
     STAGE = "stage"
-    """The stage does not notice: on unseen data the error of the model exceeds that of the exact optimum by at most 1 %
-    of the sensor noise."""
+    """The stage does not notice: on unseen data the error of the model exceeds that of the exact optimum by at most a
+    tenth of the sensor noise."""
 
 
 class Status(StrEnum):

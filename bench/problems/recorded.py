@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from bench.problems.protocol import ProblemSet, RaceProblem, Validation, certified
 from piezo_model import DataBasis, HysteresisCreepModel, Recording, identify
 from piezo_model.identification.creep import candidate_rates
-from piezo_model.identification.error_model import IdentificationError, Solving
+from piezo_model.identification.error_model import IdentificationError, ProgramSolver
 from piezo_model.identification.start import InitialFit, prepare, structure_of
 from piezo_model.recordings.options import ReadOptions
 
@@ -181,4 +181,4 @@ def excerpt(whole: Recording, samples: slice) -> Recording:
 def preprocessed(recording: Recording, n: int, m: int, creep_rates: Sequence[float]) -> InitialFit:
     """Model structure with the ranges after the transient, length of the transient, and initial states."""
     structure = structure_of(recording, n, m, creep_rates)
-    return prepare(recording, structure, Solving(SOLVER, PROXIMAL), fit_range=True)
+    return prepare(recording, structure, ProgramSolver(SOLVER, PROXIMAL), fit_range=True)

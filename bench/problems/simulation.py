@@ -13,7 +13,7 @@ import numpy as np
 
 from bench.problems.protocol import ProblemSet, RaceProblem, Validation, certified
 from piezo_model import DataBasis, ModelStructure, OperatorState, Recording, plants
-from piezo_model.identification.error_model import Solving
+from piezo_model.identification.error_model import ProgramSolver
 from piezo_model.identification.forward import fit_forward, step_problem
 from piezo_model.signals import SIGNALS, decaying_triangle
 from solvers.arrays import Vector
@@ -254,7 +254,7 @@ class Forward(ProblemSet):
 
     def problems(self) -> Iterator[RaceProblem]:
         """Drive, measure, and certify the program of each step, which starts from the weights of the one before."""
-        solving = Solving()
+        solving = ProgramSolver()
         for name in STEPPED:
             experiment = Experiment(name, "multi_sine", noise=1e-3, seed=self.seed)
             plant, x, y, basis = experiment.measured(experiment.build_s)

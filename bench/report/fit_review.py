@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 from scipy.signal import welch
 
 from piezo_model.identification.autocorrelation import independent_samples
-from piezo_model.identification.error_model import Solving, accumulate, counted_from
-from piezo_model.identification.validation import Validation, modelled, start_and_transient
+from piezo_model.identification.error_model import ProgramSolver, accumulate, counted_from
+from piezo_model.identification.validation import Validation, model_output, start_and_transient
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.recordings import Recording
@@ -42,7 +42,7 @@ class Review:
 
     @property
     def error(self) -> Vector:
-        """Measured minus modelled, output unit, shape (N,)."""
+        """Measured minus model_output, output unit, shape (N,)."""
         return self.y - self.y_model
 
     def spectrum(self) -> tuple[Vector, Vector]:
@@ -71,13 +71,13 @@ def review(recording: Recording, model: HysteresisCreepModel, validation: Valida
         sentences = tuple(report["sentences"])
     part = replace(part, y=part.y - shift)
     states = states[: len(part.starts)]
-    problem = accumulate(part, counted_from(part, skip), s, states, Solving())
+    problem = accumulate(part, counted_from(part, skip), s, states, ProgramSolver())
     known = (report.get("intervals") or {}).get("weights") or [None] * s.d
     return Review(
         model,
         part.x,
         part.y,
-        modelled(model.seen, part, states, skip),
+        model_output(model.seen, part, states, skip),
         skip,
         _weights(problem, model.weights, known),
         (*sentences, *(f"{remark[0].upper()}{remark[1:]}." for remark in recording.notes)),

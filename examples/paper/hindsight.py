@@ -9,7 +9,7 @@ from copy import deepcopy
 import numpy as np
 
 from piezo_model import Compensator, DataBasis, HysteresisCreepModel, OperatorState
-from piezo_model.identification.error_model import Solving
+from piezo_model.identification.error_model import ProgramSolver
 from piezo_model.plants import Plant
 from solvers.arrays import Vector
 
@@ -41,7 +41,7 @@ def floor(
         basis, measured = DataBasis(model.structure, state), np.isfinite(y)
         for part in np.split(np.arange(y.size), np.flatnonzero(np.diff(measured)) + 1):
             basis.update(x[part], np.where(measured[part], y[part], 0.0), count=bool(measured[part[0]]))
-        weights = Solving(SOLVER).optimum(basis.problem(model.weights))
+        weights = ProgramSolver(SOLVER).optimum(basis.problem(model.weights))
         model = HysteresisCreepModel.from_weights(model.structure, weights)
         x = Compensator(model, plant.x_range, state=state).run(y_ref)
         y = deepcopy(plant).run(x)

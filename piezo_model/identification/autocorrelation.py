@@ -10,11 +10,11 @@ import numpy as np
 from solvers.arrays import Mask, Matrix, Vector
 
 DEVIATIONS, WINDOW = 1.96, 6.0
-"""Standard deviations of a 95 % interval at either side; length of the sum of autocorrelations, in its times."""
+"""Half width of a 95 % interval in standard deviations; window of the sum, in autocorrelation times."""
 
 
 def autocorrelation_time(errors: Sequence[Vector]) -> float:
-    """1 + 2 Σ ρ_k of the errors (N,) of each part, at least 1.
+    """1 + 2 Σ ρ_k of the errors (N,) of the parts, at least 1.
 
     Examples
     --------
@@ -32,7 +32,7 @@ def autocorrelation_time(errors: Sequence[Vector]) -> float:
 
 
 def independent_samples(errors: Sequence[Vector]) -> float:
-    """Number of independent samples in the errors (N,) of each part, from their periodograms S: the sum of
+    """Number of independent samples in the errors (N,) of the parts, from their periodograms S: the sum of
     N_e = 4 (Σ S)² / Σ S², which is N for white noise.
 
     Examples

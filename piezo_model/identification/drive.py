@@ -1,7 +1,7 @@
-"""What the drive of a recording determines: hysteresis, creep, a drift of the sensor, and dynamics up to a frequency.
+"""What the drive of a recording can determine: hysteresis, creep, a drift of the sensor, dynamics up to a frequency.
 
-Dynamics show up to the highest frequency at which the output follows the drive: at which the coherence of the two,
-|S_xy|² / (S_xx S_yy), exceeds one half.
+Dynamics are visible up to the highest frequency at which the output follows the drive, that is, at which their
+coherence |S_xy|² / (S_xx S_yy) exceeds one half.
 
 Source: P. D. Welch, "The use of fast Fourier transform for the estimation of power spectra", IEEE Trans. Audio
 Electroacoust. 15 (1967) 70–73.
@@ -22,35 +22,34 @@ from piezo_model.units import quantity
 from solvers.arrays import Vector
 
 SAMPLES, SEGMENTS, LONGEST_SEGMENT, SHORTEST_SEGMENT = 1_000_000, 8, 8192, 16
-"""Samples from the start in which frequencies are sought; segments of a part, and samples of one."""
+"""Samples from the start that are analysed; segments of a part, and limits of the samples of a segment."""
 REVERSAL, END = 0.05, 0.1
-"""Smallest movement back, and width of either end, as shares of the drive's range, of turns that leave no loop inside
-the outer one."""
+"""Smallest reversal, and width of either end of the drive's range, as shares of the range: a drive that reverses only
+at the ends has no inner loops."""
 BINS, MOST_LEVELS, TOO_FEW, ELSEWHERE = 100, 20, 4, 0.01
-"""Bins of the drive's range, the most of them that are levels, the most that determine no hysteresis, and the largest
-share of the samples beside these, of a drive that says little of what lies between its levels."""
+"""Bins of the drive's range; most levels of a staircase; most levels that determine no hysteresis; largest share of the
+samples between the levels of a staircase."""
 COHERENT, FAINT = 0.5, 1e-9
-"""Smallest coherence, and smallest power of a frequency, as a share of the strongest one, that is no leakage of the
-window."""
+"""Smallest coherence; smallest power of a frequency, relative to the strongest one, above the leakage of the window."""
 
 
 @dataclass(frozen=True)
-class Drive:
-    """What the drive of a recording can determine, whether that is in the data or not."""
+class Identifiability:
+    """What the drive of a recording can determine, whether the data contain it or not."""
 
     hysteresis: bool
     creep: bool
     drift: bool
     highest_Hz: float
-    """Highest frequency at which the output follows the drive; 0 without one."""
+    """Highest frequency at which the output follows the drive; 0 if there is none."""
     one_loop: bool
-    """Whether it turns at the ends of its range alone."""
+    """True if the drive reverses only at the ends of its range."""
     levels: int
-    """Number of levels of a drive with MOST_LEVELS or fewer; 0 for others."""
+    """Number of levels of a staircase, at most MOST_LEVELS; 0 for any other drive."""
 
     def sentence(self, creep: bool, dynamics: bool) -> str:
-        """The same in words, with creep if the recording tells it from hysteresis; otherwise that has a sentence of its
-        own (`creep`), and so have dynamics of the model."""
+        """A sentence that names creep if the recording distinguishes it from hysteresis. Otherwise creep has a sentence
+        of its own (`creep`), as have the dynamics of a model."""
         drift = "a drift of the sensor" if creep else "a drift"  # which may be creep
         effects = {"hysteresis": self.hysteresis, "creep": creep, drift: self.drift}
         can, cannot = ([name for name, shown in effects.items() if shown is which] for which in (True, False))
@@ -59,7 +58,7 @@ class Drive:
         but = f", but not {_listed(cannot, 'or')}" if can and cannot else ""
         shows = f"dynamics up to {quantity(self.highest_Hz, 'Hz', 2)}" if self.highest_Hz else "no dynamics"
         known = f"; it shows {shows}" * bool(self.highest_Hz or not dynamics)
-        alone = " It turns at the ends of its range alone, and says little of the loops inside." * self.one_loop
+        alone = " It reverses only at the ends of its range, and says little about inner loops." * self.one_loop
         return f"{determined}{but}{known}.{alone}"
 
 
@@ -67,17 +66,17 @@ def _listed(names: Sequence[str], last: str) -> str:
     return f" {last} ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
 
 
-def drive_of(recording: Recording, skip: int, determined: CreepEvidence) -> Drive:
-    """What the drive of a recording can determine after the skipped samples."""
+def identifiability_of(recording: Recording, skip: int, evidence: CreepEvidence) -> Identifiability:
+    """What the drive of a recording can determine, without the skipped samples."""
     x = recording.x[skip:]
     levels = level_count(x)
     hysteresis = not is_monotonic(x) and roughness(x) <= ROUGH and not 0 < levels <= TOO_FEW
     one_loop, highest = hysteresis and has_one_loop(x), highest_frequency(recording)
-    return Drive(hysteresis, bool(determined.rates), determined.shows_drift, highest, one_loop, levels)
+    return Identifiability(hysteresis, bool(evidence.rates), evidence.shows_drift, highest, one_loop, levels)
 
 
 def level_count(x: Vector) -> int:
-    """Number of levels of a drive (N,) with MOST_LEVELS or fewer; 0 for others.
+    """Number of levels of a staircase (N,), at most MOST_LEVELS; 0 for any other drive.
 
     Examples
     --------
@@ -90,7 +89,7 @@ def level_count(x: Vector) -> int:
 
 
 def orders_within(x: Vector, n: int, m: int) -> tuple[int, int]:
-    """Orders n and m, or the largest that the levels of a drive (N,) say anything of: one threshold lies between two.
+    """Orders n and m, reduced to what the levels of a drive (N,) determine: one threshold between two levels.
 
     Examples
     --------
@@ -102,7 +101,7 @@ def orders_within(x: Vector, n: int, m: int) -> tuple[int, int]:
 
 
 def has_one_loop(x: Vector) -> bool:
-    """Whether a drive (N,) that turns does so at the ends of its range alone.
+    """True if a drive (N,) reverses, and only at the ends of its range.
 
     Examples
     --------
@@ -118,7 +117,7 @@ def has_one_loop(x: Vector) -> bool:
 
 
 def highest_frequency(recording: Recording) -> float:
-    """Highest frequency in Hz at which the output follows the drive; 0 without one.
+    """Highest frequency in Hz at which the output follows the drive; 0 if there is none.
 
     Examples
     --------

@@ -2,11 +2,10 @@
 
     θ = (log f_1, log f_2/f_1, log ζ_i; sum of the gains, share of the second; delay, and that of the amplifier)
 
-with delays in samples, so that every θ of a box is a stage. Frequencies, or their ratio, stay within 2 %, or 0.3 of the
-damping ratio if that is more, and damping ratios within a factor 1.5 of those that the spectra show, since the error of
-the output has minima between the harmonics of a drive. A single mode has the gain 1 unless there is residual
-compliance. The amplifier delays a ramp by
-1 / (exp(T/T_a) − 1) samples, which unlike T_a has a derivative where there is none.
+with delays in samples, so that every θ in a box is a valid stage. Frequencies, or their ratio, stay within 2 % (or 0.3
+of the damping ratio, if that is more) of those of the scan, and damping ratios within a factor of 1.5, since the output
+error has local minima between the harmonics of a drive. A single mode has gain 1 unless there is residual compliance.
+The amplifier delays a ramp by 1 / (exp(T/T_a) − 1) samples, which, unlike T_a, has a derivative at zero lag.
 """
 
 import math
@@ -21,16 +20,15 @@ from solvers.arrays import Mask, Matrix, Vector
 FREQUENCY_RATIO, OF_DAMPING, DAMPING_RATIO, LONGEST = 1.02, 0.3, 1.5, 20.0
 """The bounds above, and the longest delay and lag, in samples."""
 SMALLEST_GAIN, MOST_DAMPED, APART = 0.01, 0.99, 2e-3
-"""Smallest gain, largest damping ratio, and smallest distance of the logarithms of two frequencies."""
+"""Smallest gain, largest damping ratio, and smallest difference of the logarithms of two frequencies."""
 STEP, ROUNDING = 1e-5, 1e-7
-"""Change of a parameter for its derivative, and distance of a sum of gains from 1, and of a delay in samples from 0,
-that is none."""
+"""Step of a finite difference; tolerance with which a sum of gains is 1, and a delay in samples is 0."""
 
 
 @dataclass(frozen=True)
 class Parameters:
-    """What is free in ``start``: nothing by default; ``free`` its modes and delay, ``residual`` also their gains, and
-    ``with_lag`` the amplifier's lag."""
+    """The dynamics ``start``, and which of their parameters are unknowns: none by default; with ``free`` modes and
+    delay, with ``residual`` also the gains, and with ``with_lag`` the lag of the amplifier."""
 
     start: Dynamics
     sample_time: float
@@ -40,7 +38,7 @@ class Parameters:
 
     @classmethod
     def known(cls, dynamics: Dynamics | None, sample_time: float) -> Self | None:
-        """Dynamics of which nothing is free; None without any."""
+        """Dynamics without unknowns; None without dynamics."""
         return None if dynamics is None else cls(dynamics, sample_time)
 
     @property
@@ -60,20 +58,20 @@ class Parameters:
         gains, widths = modes * self.residual, OF_DAMPING * np.array(self.start.damping[:modes])
         near = np.r_[np.maximum(np.log(FREQUENCY_RATIO), widths), np.full(modes, np.log(DAMPING_RATIO))]
         centre, late = theta[: near.size], theta.size - near.size - gains
-        least, most = centre - near, np.minimum(centre + near, np.repeat([np.inf, np.log(MOST_DAMPED)], modes))
-        least[1:modes] = np.maximum(least[1:modes], APART)
-        low = np.r_[least, np.full(gains, SMALLEST_GAIN), np.zeros(late)]
-        return low, np.r_[most, [1.0, 1.0 - SMALLEST_GAIN][:gains], np.full(late, LONGEST)]
+        lb, ub = centre - near, np.minimum(centre + near, np.repeat([np.inf, np.log(MOST_DAMPED)], modes))
+        lb[1:modes] = np.maximum(lb[1:modes], APART)
+        gains_ub = [1.0, 1.0 - SMALLEST_GAIN][:gains]
+        return np.r_[lb, np.full(gains, SMALLEST_GAIN), np.zeros(late)], np.r_[ub, gains_ub, np.full(late, LONGEST)]
 
     def deviations(self, covariance: Matrix) -> Vector:
-        """Standard deviations (k,) of θ, but of the logarithms of both frequencies, from the covariance (k, k) of θ."""
+        """Standard deviations (k,) from the covariance (k, k) of θ, with log f_2 in place of log f_2/f_1."""
         modes, T = len(self.start.frequencies_Hz) * self.free, np.eye(len(covariance))
         T[:modes, :modes] = np.tril(np.ones((modes, modes)))
         return np.asarray(np.sqrt(np.diag(T @ covariance @ T.T)))
 
     def inside(self, found: Dynamics, free: Mask) -> bool:
-        """Whether no bound of the search holds a parameter, of which some are ``free`` (k,). Stages without residual
-        compliance or delay exist, so a sum of the gains of 1 and a delay of 0 are no such bounds."""
+        """True if no parameter is at a bound of the search; ``free`` (k,) are those at no bound. Since there are stages
+        without residual compliance or delay, a sum of the gains of 1 and a delay of 0 do not count as bounds."""
         modes, inside = len(found.frequencies_Hz), free.copy()
         if self.residual:
             inside[2 * modes] |= sum(found.gains) > 1.0 - ROUNDING
@@ -81,7 +79,7 @@ class Parameters:
         return bool(np.all(inside))
 
     def at(self, theta: Vector) -> Dynamics:
-        """The dynamics of θ (k,) within its bounds."""
+        """The dynamics of a θ (k,) within the bounds."""
         if not self.free:
             return self.start
         modes, T = len(self.start.frequencies_Hz), self.sample_time

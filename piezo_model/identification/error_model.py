@@ -1,6 +1,6 @@
-"""The quadratic program (6) of a recording, its solution, and the proof of that, for a structure and initial states.
+"""The quadratic program (6) of a recording, its solution and its proof, for a structure and initial states.
 
-Its error (5) is one of the input, x + Ξ(x, y)ᵀw, linear in the weights; `forward` minimises that of the output.
+Its error (5), x + Ξ(x, y)ᵀw, is referred to the input and linear in the weights; `forward` minimises the output error.
 """
 
 from collections.abc import Sequence
@@ -23,21 +23,21 @@ States = Sequence[OperatorState]
 """States before the first sample of each part."""
 
 one_thread = threadpool_limits.wrap(limits=1, user_api="blas")
-"""Decorator with which the bits of a function do not depend on the number of cores, and small matrices come sooner."""
+"""Decorator that makes results independent of the number of cores, and is faster for small matrices."""
 
 
 class IdentificationError(ValueError):
-    """The data do not give a model; the message is one sentence that says why."""
+    """No model can be identified from the data; the message is one sentence with the reason."""
 
 
 @dataclass
-class Solving:
-    """The solver of all programs, the strength of the proximal term, and the work done."""
+class ProgramSolver:
+    """Solves all programs of an identification, and counts the work."""
 
     solver: str = "box_active_set"
     proximal: float = 1e-10
     passes: int = 0
-    """Passes of the operators over the samples."""
+    """Number of passes over the samples."""
     programs: int = 0
 
     def optimum(self, problem: IdentificationProblem) -> Vector:
@@ -46,38 +46,38 @@ class Solving:
         form = problem.form()
         return form.weights(np.maximum(_solve(form.qp, form.c, self.solver), form.qp.lb))
 
-    def minimise(self, P: Matrix, q: Vector, low: Vector, high: Vector, towards: Vector) -> Vector:
+    def minimise(self, P: Matrix, q: Vector, lb: Vector, ub: Vector, towards: Vector) -> Vector:
         """The z (k,) in a box that minimises ½ zᵀP z + qᵀz, with a proximal term towards a point."""
         self.programs += 1
         rho = self.proximal * float(np.mean(np.diag(P)))
         D = 1.0 / np.sqrt(np.maximum(np.diag(P) + rho, np.finfo(float).tiny))
         scaled = (P + rho * np.eye(q.size)) * np.outer(D, D)
-        upper = None if np.all(np.isinf(high)) else high / D
-        qp = solvers.Problem(0.5 * (scaled + scaled.T), (q - rho * towards) * D, lb=low / D, ub=upper)
-        return np.clip(_solve(qp, 1.0, self.solver) * D, low, high)
+        scaled_ub = None if np.all(np.isinf(ub)) else ub / D
+        qp = solvers.Problem(0.5 * (scaled + scaled.T), (q - rho * towards) * D, lb=lb / D, ub=scaled_ub)
+        return np.clip(_solve(qp, 1.0, self.solver) * D, lb, ub)
 
 
 def _solve(qp: solvers.Problem, c: float, solver: str) -> Vector:
-    """Solution of a program in a box whose constant is c; IdentificationError if the solver fails."""
+    """Solution of a box-constrained program whose cost has the constant c; IdentificationError if the solver fails."""
     cls = solvers.find(solver).load()
-    for rung in reversed(cls.ladder(c)):  # the tightest one may be beyond rounding
+    for rung in reversed(cls.ladder(c)):  # the tightest tolerance may be below rounding
         engine = cls(**rung)
         engine.setup(qp)
         z: Vector = engine.solve().copy()
         if engine.solution().found and np.all(np.isfinite(z)):
             return z
-    raise IdentificationError(f"the solver {solver} found no answer")
+    raise IdentificationError(f"the solver {solver} found no solution")
 
 
 def counted_from(recording: Recording, skip: int) -> Mask:
-    """Which samples count: those with an output, after the skipped ones; shape (N,)."""
+    """Mask (N,) of the counted samples: those with a measured output, after the skipped ones."""
     counted = ~recording.uncounted
     counted[:skip] = False
     return counted
 
 
 def percent_of(span: float, value: float) -> float:
-    """A value as per cent of a range; of itself where nothing moves.
+    """A value as a percentage of a range, or of itself if the range is 0.
 
     Examples
     --------
@@ -88,23 +88,23 @@ def percent_of(span: float, value: float) -> float:
 
 
 def accumulate(
-    recording: Recording, counted: Mask, s: ModelStructure, states: States, solving: Solving
+    recording: Recording, counted: Mask, s: ModelStructure, states: States, qp_solver: ProgramSolver
 ) -> IdentificationProblem:
-    """The program of a recording: the operators run from the first sample of each part on."""
-    solving.passes += 1
+    """The program of a recording, with the operators run from the first sample of each part."""
+    qp_solver.passes += 1
     if len(set(recording.owners)) > 1:
-        return _accumulate_together(recording, counted, s, states, solving)
+        return _accumulate_together(recording, counted, s, states, qp_solver)
     basis, y = DataBasis(s, states[0]), np.where(counted, recording.y, np.nan)
     for part, state in zip(recording.parts, states, strict=True):
         basis.state.play[:], basis.state.creep[:] = state.play, state.creep
         basis.update(recording.x[part], y[part])
-    return basis.problem(proximal=solving.proximal)
+    return basis.problem(proximal=qp_solver.proximal)
 
 
 def _accumulate_together(
-    recording: Recording, counted: Mask, s: ModelStructure, states: States, solving: Solving
+    recording: Recording, counted: Mask, s: ModelStructure, states: States, qp_solver: ProgramSolver
 ) -> IdentificationProblem:
-    """The same of several recordings, whose means are weighted and whose creep decays by their own periods."""
+    """The program of several recordings, with weighted means and with creep at the sampling period of each."""
     unit_x, unit_y = s.unit_input(recording.x[counted]), s.unit_output(recording.y)
     nothing = np.zeros((recording.length, 0))
     gram, moved = gram_of(recording, counted, s, (states,), unit_y, lambda _part, _samples, rows: rows, nothing)
@@ -112,21 +112,21 @@ def _accumulate_together(
     moved_plays, moved_creep = (tuple(moved[s.slices[i]].tolist()) for i in (0, 2))
     excitation = Excitation(ends[0], ends[1], ends[2], ends[3], moved_plays, moved_creep)
     c = 0.5 * float(gram[0, 0])
-    return IdentificationProblem(s, gram[1:, 1:], gram[0, 1:], c, excitation, proximal=solving.proximal)
+    return IdentificationProblem(s, gram[1:, 1:], gram[0, 1:], c, excitation, proximal=qp_solver.proximal)
 
 
 @dataclass(frozen=True)
 class Certificate:
-    """Proof that the weights are the optimum: relative cost gap and violation, exact arithmetic."""
+    """How far the weights are from the proven optimum: relative cost gap and violation, in exact arithmetic."""
 
     cost_gap: float
     violation: float
     unique: bool | None
-    """None if that was not decided."""
+    """Whether the optimum is unique; None if undecided."""
 
 
 def prove(problem: IdentificationProblem, w: Vector) -> Certificate:
-    """Distance of the weights (d,) from the optimum, proven in exact arithmetic."""
+    """The certificate of weights (d,)."""
     form = problem.form()
     z = form.variables(w)
     certificate = certify(form.qp, z)

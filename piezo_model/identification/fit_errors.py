@@ -1,4 +1,4 @@
-"""The errors of a model beside those of a line and a cubic."""
+"""The errors of a model, compared with those of a line and a cubic."""
 
 import math
 from dataclasses import dataclass
@@ -13,23 +13,23 @@ from piezo_model.units import SMALLEST_PERCENT, percent, quantity
 from solvers.arrays import Vector
 
 BASELINE_SAMPLES = 1_000_000
-"""Samples, spread over a longer recording, to which a line and a cubic are fitted."""
+"""Most samples, spread over the recording, to which a line and a cubic are fitted."""
 
 
 @dataclass(frozen=True)
 class Fit:
-    """Error of the forward model."""
+    """The output error of a model over a recording."""
 
     samples: int
     """Number of counted samples."""
     skipped: int
-    """Number of samples before them."""
+    """Number of first samples that are not counted."""
     rms_percent: float
     max_percent: float
-    """Errors of the counted samples, per cent of the output's full range."""
+    """Errors of the counted samples, % of the output's full range."""
     rms: float
     max: float
-    """The same in the output's unit."""
+    """The same errors in the output's unit."""
     skipped_max_percent: float
     """Largest error of the skipped samples."""
     line_percent: float
@@ -38,7 +38,7 @@ class Fit:
     span: float
     """The output's full range without a transient, in its unit."""
     missing: int
-    """Number of samples after the skipped ones without an output, which are not counted."""
+    """Number of samples after the skipped ones that are not counted, since their output is missing."""
 
     def headline(self, unit: str, where: str = "") -> str:
         """The errors in one sentence."""
@@ -65,7 +65,7 @@ def rms(error: Vector) -> float:
 
 
 def fit_of(recording: Recording, s: ModelStructure, errors: Vector, skipped: int, span: float) -> Fit:
-    """What the errors (N,) of a model are over the samples after ``skipped``, beside those of a line and a cubic."""
+    """The `Fit` of errors (N,), without the first ``skipped`` samples."""
     counted = counted_from(recording, skipped)
     error, x, y = errors[counted], recording.x[counted], recording.y[counted]
     stride = math.ceil(x.size / BASELINE_SAMPLES)

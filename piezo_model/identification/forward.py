@@ -1,4 +1,4 @@
-"""The forward fit: the weights with the smallest error of the output, by Gauss–Newton steps in the box of (6).
+"""The forward fit: the weights with the smallest output error, by Gauss–Newton steps in the box of (6).
 
     minimise  1/N Σ (y − ŷ)²  over v in the box of (6),    ŷ = S[ H[x] + K[x] + b ]
 
@@ -7,19 +7,19 @@ J = Ξ_v(x, ŷ) / s(ŷ) in slope coordinates, where s is the slope of S⁻¹. Wi
 
     minimise  ½ vᵀP v + qᵀv,    P = JᵀJ / N,    q = −Jᵀe / N − P v₀
 
-and it is halved as long as the cost rises. The program (6) itself is the start: it has y among its regressors, so that
-noise of the sensor biases it however long the recording is, and ŷ has none.
+which is halved as long as the cost rises. The solution of program (6) itself is the starting point. It is biased by the
+sensor's noise, however long the recording is, since y is among its regressors; ŷ has no noise.
 
-With dynamics, ŷ in Ξ and s is the output before them, and the columns of J pass them too; their parameters are further
-unknowns, with derivatives by differences of the simulated output. What the modes ring from before the recording is part
-of ŷ (`initial_ringing`).
+With dynamics, ŷ in Ξ and s is the output before them, and the columns of J are filtered by them too. Their parameters
+are further unknowns, with finite differences of the simulated output as derivatives. The ringing of the modes from
+before the recording is part of ŷ (`initial_ringing`).
 
-The initial states of a part are a memory curve: play states z over their thresholds r start at the input, z(0) = x,
-with |dz/dr| ≤ 1, and keep what the past has left. Its slopes may be unknowns too. A play or a creep state depends on
-its own initial state alone, so the derivatives by all of them are the differences of the rows after a nudge to all.
+The initial states of a part are a memory curve: the play states z over their thresholds r begin at the input, z(0) = x,
+with |dz/dr| ≤ 1, and hold what remains of the past. Its slopes may be unknowns too. A play or creep state depends only
+on its own initial state, so one perturbation of all states gives the derivatives with respect to each of them.
 Further columns, such as a drift, are added to the output.
 
-ŷ and the cost are those of all samples; the Gram matrix needs fewer (`gram_matrix`).
+ŷ and the cost use all samples; the Gram matrix needs fewer (`gram_matrix`).
 
 Sources: J. Nocedal and S. J. Wright, Numerical Optimization, 2nd edition 2006, section 10.3, for Gauss–Newton;
 M. Brokate and J. Sprekels, Hysteresis and Phase Transitions, 1996, section 2.3, for the memory curve.
@@ -37,7 +37,7 @@ import numpy as np
 from piezo_model.dynamics import Dynamics
 from piezo_model.identification.autocorrelation import autocorrelation_time, independent_samples, inverse_over
 from piezo_model.identification.dynamics_parameters import STEP, Parameters
-from piezo_model.identification.error_model import Solving, States
+from piezo_model.identification.error_model import ProgramSolver, States
 from piezo_model.identification.gram_matrix import at_period, gram_of
 from piezo_model.identification.initial_ringing import initial_ringing
 from piezo_model.identification_problem import IdentificationProblem
@@ -55,14 +55,14 @@ from piezo_model.structure import ModelStructure
 from solvers.arrays import Index, Mask, Matrix, Vector
 
 GAIN, NUDGE = 0.1, 1e-6
-"""Largest gain that further unknowns must have, as a share of the cost, and difference of initial states for their
+"""Largest gain required of further unknowns, relative to the cost; perturbation of the initial states for their
 derivatives, normalised units."""
 MIN_SLOPE, MAX_SLOPE, SHORTEST_STEP, CONVERGED = 1e-3, 1e6, 0.002, 1e-5
-"""Bounds of the slopes of S⁻¹, beyond the upper one of which a sum of weights is lost in rounding; shortest share of a
-step, and relative decrease of the cost that ends the fit."""
+"""Bounds of the slopes of S⁻¹ (a sum of weights above the upper one is lost in rounding); shortest fraction of a step;
+relative decrease of the cost below which the fit ends."""
 EXACT, AT_BOUND = 1e-20, 1e-7
-"""Cost in normalised units squared at the level of rounding, which is in every cost, so that neither a ratio nor a
-comparison of costs depends on rounding errors, and distance from a bound at which it holds an unknown."""
+"""Squared rounding error in normalised units, which is added to every cost, so that neither a ratio nor a comparison of
+costs depends on rounding; largest distance of an unknown from a bound at which the bound is active."""
 
 
 @dataclass(frozen=True)
@@ -71,48 +71,48 @@ class Columns:
     weights."""
 
     signals: Matrix
-    low: Vector
-    high: Vector
+    lb: Vector
+    ub: Vector
 
     @classmethod
-    def of(cls, signal: Vector, low: float = -np.inf, high: float = np.inf) -> Columns:
+    def of(cls, signal: Vector, lb: float = -np.inf, ub: float = np.inf) -> Columns:
         """One column."""
-        return cls(signal[:, None], np.array([low]), np.array([high]))
+        return cls(signal[:, None], np.array([lb]), np.array([ub]))
 
     @classmethod
     def none(cls, samples: int) -> Columns:
-        """No column, of a number of samples."""
+        """No columns, for a number of samples."""
         return cls(np.zeros((samples, 0)), np.zeros(0), np.zeros(0))
 
     def beside(self, others: Columns) -> Columns:
-        """These and others."""
-        pairs = ((self.signals, others.signals), (self.low, others.low), (self.high, others.high))
+        """These columns and others."""
+        pairs = ((self.signals, others.signals), (self.lb, others.lb), (self.ub, others.ub))
         return Columns(*(np.concatenate(pair, axis=-1) for pair in pairs))
 
 
 @dataclass(frozen=True)
 class Box:
-    """Bounds (k,) of all unknowns; the only place where one is moved."""
+    """Bounds (k,) of all unknowns; every trial point is projected here."""
 
-    low: Vector
-    high: Vector
+    lb: Vector
+    ub: Vector
 
-    def inside(self, z: Vector) -> Vector:
-        """The point of the box that is next to z (k,)."""
-        return np.clip(z, self.low, self.high)
+    def project(self, z: Vector) -> Vector:
+        """The point of the box nearest to z (k,)."""
+        return np.clip(z, self.lb, self.ub)
 
     def step(self, z: Vector, direction: Vector) -> tuple[Vector, float]:
-        """A point of the box next to z (k,) for a derivative, and the multiple of the direction (k,) that leads there:
-        up to STEP, or down where a bound is nearer."""
+        """A point of the box near z (k,) for a finite difference, and the step along the direction (k,) that leads
+        there: at most STEP, and negative if a bound is too near."""
         along, size = np.flatnonzero(direction), STEP / np.abs(direction).max()
-        ends = np.array([self.high - z, self.low - z])[:, along] / direction[along]
+        ends = np.array([self.ub - z, self.lb - z])[:, along] / direction[along]
         up, down = np.min(np.max(ends, axis=0)), np.max(np.min(ends, axis=0))
-        made = float(min(size, up) if up >= min(size, -down) else max(-size, down))
-        return z + made * direction, made
+        step = float(min(size, up) if up >= min(size, -down) else max(-size, down))
+        return z + step * direction, step
 
-    def leaves(self, z: Vector) -> Mask:
-        """Which unknowns of z (k,) no bound holds."""
-        return np.asarray((z > self.low + AT_BOUND) & (z < self.high - AT_BOUND))
+    def inactive(self, z: Vector) -> Mask:
+        """Which unknowns of z (k,) are at no bound."""
+        return np.asarray((z > self.lb + AT_BOUND) & (z < self.ub - AT_BOUND))
 
 
 @dataclass(frozen=True)
@@ -126,18 +126,18 @@ class Trial:
     static: Vector
     """Output of the model (N,) before the dynamics."""
     y_model: Vector
-    """Output of the model (N,), with what rings from before the recording, and without the further columns."""
+    """Output of the model (N,), with the ringing from before the recording but without the further columns."""
     ringing: Vector
-    """What rings from before the recording (N,)."""
+    """Ringing from before the recording (N,)."""
     error: Vector
-    """y − ŷ (N,), with the further columns."""
+    """y − ŷ (N,), with the further columns in ŷ."""
     cost: float
-    """Mean square error of the counted samples, and EXACT."""
+    """Mean square error of the counted samples, plus EXACT."""
 
 
 @dataclass(frozen=True)
 class ForwardFit(Trial):
-    """Weights with the smallest error of the output, and the linearisation there."""
+    """Weights with the smallest output error, and the linearisation there."""
 
     structure: ModelStructure
     further: Vector
@@ -145,15 +145,15 @@ class ForwardFit(Trial):
     counted: Mask
     recording: Recording
     P: Matrix
-    """Mean of JᵀJ over (v, further, θ), from where the last step began."""
+    """Mean of JᵀJ over (v, further, θ), at the start of the last step."""
     free: Mask
-    """Which of these the data determine and no bound holds."""
+    """Which of these unknowns the data determine and no bound holds."""
     parameters: Parameters | None
     """The dynamics, and which of their parameters were unknowns."""
     derivative: Callable[[Vector], Vector]
-    """That of the output (N,) along a direction of (v, further, θ), in which what a bound holds does not move."""
+    """Derivative of the output (N,) along a direction of (v, further, θ), 0 for unknowns at a bound."""
     P_here: Callable[[], Matrix]
-    """P where the derivative is: unknowns that the data hardly determine differ much between the two."""
+    """P at the solution, which may differ from ``P`` for unknowns that the data barely determine."""
 
     @property
     def v(self) -> Vector:
@@ -183,11 +183,12 @@ class ForwardFit(Trial):
 
     @cached_property
     def autocorrelation_time(self) -> float:
-        """That of the errors; of several recordings that with which none has more independent samples than it has."""
+        """Autocorrelation time of the errors; for several recordings one large enough that none of them counts as more
+        independent samples than it has."""
         errors, owners = self.errors, np.array(self.recording.owners)
         samples = sum(error.size for error in errors) / len(set(owners.tolist()))
-        each = ([errors[i] for i in np.flatnonzero(owners == owner)] for owner in np.unique(owners))
-        return max(autocorrelation_time(own) * samples / sum(error.size for error in own) for own in each)
+        members = ([errors[i] for i in np.flatnonzero(owners == owner)] for owner in np.unique(owners))
+        return max(autocorrelation_time(own) * samples / sum(error.size for error in own) for own in members)
 
     @cached_property
     def independent(self) -> float:
@@ -196,12 +197,12 @@ class ForwardFit(Trial):
 
     @cached_property
     def covariance(self) -> Matrix:
-        """That of (v, further, θ); 0 for those that are not free."""
+        """Covariance of (v, further, θ); 0 for unknowns that are not free."""
         samples = int(np.count_nonzero(self.counted))
         return self.cost * self.autocorrelation_time / samples * inverse_over(self.P, self.free)
 
     def improved_by(self, other: ForwardFit, unknowns: int) -> bool:
-        """Whether the gain of another fit is worth its further unknowns."""
+        """True if another fit is better by more than its further unknowns are worth."""
         independent = self.independent
         return other.cost < (1.0 - min(GAIN, unknowns * math.log(independent) / independent)) * self.cost
 
@@ -233,7 +234,7 @@ def state_with_slopes(x: Vector, s: ModelStructure, slopes: Vector | float) -> O
 def simulate(
     s: ModelStructure, arrays: Arrays, recording: Recording, states: States, dynamics: Dynamics | None = None
 ) -> Vector:
-    """Output (N,) of a model in its unit, from the given states before each part."""
+    """Output (N,) of a model in its unit, from the states before each part."""
     return _by_parts(recording, recording.x, states, lambda _, *drive: respond(s, arrays, dynamics, *drive))
 
 
@@ -246,7 +247,7 @@ def _by_parts(
 
 
 def _error_scale(recording: Recording, counted: Mask) -> Vector:
-    """Square roots (N,) of the samples' weights, which are 1 in the mean over those counted."""
+    """Square roots (N,) of the samples' weights, whose mean over the counted samples is 1."""
     weights = recording.spread(recording.part_weights)
     return np.asarray(np.sqrt(weights / weights[counted].mean()))
 
@@ -257,7 +258,7 @@ def fit_forward(
     s: ModelStructure,
     states: States,
     v: Vector,
-    solving: Solving,
+    qp_solver: ProgramSolver,
     *,
     steps: int = 6,
     searched: Sequence[bool] = (),
@@ -266,7 +267,7 @@ def fit_forward(
     creep_limits: Vector | None = None,
     parameters: Parameters | None = None,
 ) -> ForwardFit:
-    """Minimise the error of the output over weights and other unknowns.
+    """Minimise the output error over the weights and other unknowns.
 
     Parameters
     ----------
@@ -276,18 +277,18 @@ def fit_forward(
     states : sequence of OperatorState
         States before the first sample of each part.
     v : array (d,)
-        Weights to begin with, slope coordinates.
+        Initial weights, slope coordinates.
     steps : int
-        Most steps.
+        Maximum number of steps.
     searched : sequence of bool
-        Whether the states of a part are unknown, and those given are where the search begins; for none by default.
+        Whether the states of a part are unknowns, with ``states`` as initial values; for none by default.
     weights_known : bool
-        Whether the weights stay as they are.
+        Whether the weights are fixed.
     further : Columns, optional
     creep_limits : array (n + 1,), optional
         Upper bounds of the creep weights.
     parameters : Parameters, optional
-        The dynamics, with those of their parameters that are unknowns.
+        The dynamics, and which of their parameters are unknowns.
 
     Returns
     -------
@@ -295,74 +296,74 @@ def fit_forward(
     """
     further = further or Columns.none(recording.length)
     parts, free_parts = recording.parts, np.flatnonzero(np.array(searched, dtype=bool)).tolist()
-    n, d, k = s.n * len(free_parts), s.d, further.low.size
+    n, d, k = s.n * len(free_parts), s.d, further.lb.size
     box = _bounds(s, n, further, creep_limits, parameters)
     if weights_known:
-        box.low[:d] = box.high[:d] = v
+        box.lb[:d] = box.ub[:d] = v
     theta, with_lag = (np.zeros(0), False) if parameters is None else (parameters.vector, parameters.with_lag)
     z = np.concatenate([v, *(initial_slopes(s, states[part]) for part in free_parts), np.zeros(k), theta])
     unit_y, scale = s.unit_output(recording.y), _error_scale(recording, counted)
 
     def trial(z: Vector, static: Vector | None = None) -> Trial:
-        """The trial of the point of the box next to z; the output before the dynamics may be known."""
-        z, begun = box.inside(z), list(states)
+        """Simulate at the point of the box nearest to z; the output before the dynamics may be known."""
+        z, starts = box.project(z), list(states)
         for part, slopes in zip(free_parts, z[d : d + n].reshape(len(free_parts), s.n), strict=True):
-            begun[part] = state_with_slopes(recording.x[parts[part]], s, slopes)
+            starts[part] = state_with_slopes(recording.x[parts[part]], s, slopes)
         weights = all_weights(s, s.slope_map @ z[:d])
         g = None if parameters is None else parameters.at(z[d + n + k :])
         at = {T: at_period(s, g, T) for T in recording.periods}
         models = {T: (own, arrays_of(own, weights), dynamics) for T, (own, dynamics) in at.items()}
         if static is None:
-            solving.passes += 1
-            before = _by_parts(recording, recording.x, begun, lambda T, *drive: before_dynamics(*models[T], *drive))
+            qp_solver.passes += 1
+            before = _by_parts(recording, recording.x, starts, lambda T, *drive: before_dynamics(*models[T], *drive))
             static = s.unit_output(before)
         y_model, ringing, beside = static, np.zeros(1), further.signals @ z[d + n : d + n + k]
         if g is not None:
             before = s.y_centre + s.y_scale * static
-            behind = _by_parts(recording, before, begun, lambda T, *drive: behind_dynamics(*models[T], *drive))
+            behind = _by_parts(recording, before, starts, lambda T, *drive: behind_dynamics(*models[T], *drive))
             y_model, modes = s.unit_output(behind), [at[T][1] for T in recording.periods]
             ringing = initial_ringing(modes, recording, unit_y - y_model - beside, counted)
             y_model += ringing
         error = unit_y - y_model - beside
         own = error * scale if counted.all() else (error * scale)[counted]
-        return Trial(z, begun, g, static, y_model, ringing, error, float(own @ own) / own.size + EXACT)
+        return Trial(z, starts, g, static, y_model, ringing, error, float(own @ own) / own.size + EXACT)
 
     def linearised(at: Trial) -> tuple[Matrix, Vector, Mask]:
         """P and Jᵀe / N over all unknowns, and which weights moved."""
-        solving.passes += 1
+        qp_solver.passes += 1
         moves = [
-            (trial(near, None if with_lag and near[-1] != at.z[-1] else at.static).y_model - at.y_model) / made
-            for near, made in (box.step(at.z, along) for along in np.eye(z.size)[d + n + k :])
+            (trial(near, None if with_lag and near[-1] != at.z[-1] else at.static).y_model - at.y_model) / step
+            for near, step in (box.step(at.z, along) for along in np.eye(z.size)[d + n + k :])
         ]
         gram, moved = _gram(recording, counted, s, at, free_parts, np.column_stack([further.signals, *moves]))
         return gram[:-1, :-1], gram[:-1, -1], moved
 
-    best, P, free = trial(z), np.eye(z.size), box.low < box.high
+    best, P, free = trial(z), np.eye(z.size), box.lb < box.ub
     for _ in range(steps if free.any() else 0):
         z, (P, Je, moved) = best.z, linearised(best)
         determined = np.diag(P) > 0.0
         determined[:d] &= moved & (not weights_known)
-        free = determined & box.leaves(z)
+        free = determined & box.inactive(z)
         if not determined.any():
             break
         at = np.ix_(determined, determined)
         target = z.copy()
-        target[determined] = solving.minimise(
+        target[determined] = qp_solver.minimise(
             P[at],
             -Je[determined] - P[at] @ z[determined],
-            box.low[determined],
-            box.high[determined],
+            box.lb[determined],
+            box.ub[determined],
             z[determined],
         )
         slopes, reached = target[s.slices[1]], np.flatnonzero(determined[s.slices[1]])
-        if reached.size:  # S goes on beyond the outputs of the recording
+        if reached.size:  # extrapolate the slopes of S⁻¹ beyond the outputs of the recording
             slopes[:] = np.minimum(np.interp(np.arange(slopes.size), reached, slopes[reached]), MAX_SLOPE)
         step = 1.0
         while not (found := trial(z + step * (target - z))).cost <= best.cost and step >= SHORTEST_STEP:
             step *= 0.5
         if (gain := best.cost - found.cost) > 0.0:
             best = found
-            free = determined & box.leaves(best.z)
+            free = determined & box.inactive(best.z)
         if gain <= CONVERGED * best.cost:
             break
     kept: Index = np.r_[np.arange(d), np.arange(d + n, z.size)]
@@ -370,8 +371,8 @@ def fit_forward(
     def derivative(direction: Vector) -> Vector:
         along = np.zeros(z.size)
         along[kept] = direction
-        at, made = box.step(best.z, along)
-        return (best.error - trial(at).error) / made
+        near, step = box.step(best.z, along)
+        return (best.error - trial(near).error) / step
 
     return ForwardFit(
         **vars(best),
@@ -391,19 +392,19 @@ def _bounds(
     s: ModelStructure, n: int, further: Columns, creep_limits: Vector | None, parameters: Parameters | None
 ) -> Box:
     """Bounds of all unknowns z, among them n initial slopes."""
-    ends = (np.zeros(0), np.zeros(0)) if parameters is None else parameters.bounds
-    highest = np.full(s.d, np.inf)
+    theta_lb, theta_ub = (np.zeros(0), np.zeros(0)) if parameters is None else parameters.bounds
+    weights_ub = np.full(s.d, np.inf)
     if creep_limits is not None:
-        highest[s.slices[2]] = creep_limits
-    low = np.concatenate([s.lower_bounds(MIN_SLOPE), -np.ones(n), further.low, ends[0]])
-    return Box(low, np.concatenate([highest, np.ones(n), further.high, ends[1]]))
+        weights_ub[s.slices[2]] = creep_limits
+    lb = np.concatenate([s.lower_bounds(MIN_SLOPE), -np.ones(n), further.lb, theta_lb])
+    return Box(lb, np.concatenate([weights_ub, np.ones(n), further.ub, theta_ub]))
 
 
 def step_problem(
     recording: Recording, counted: Mask, fit: ForwardFit, problem: IdentificationProblem
 ) -> IdentificationProblem:
-    """The program of the next step from a fit, in the form of the program (6) of the same recording and structure: the
-    proximal term keeps to the weights of the fit, and so do weights that no sample reaches."""
+    """The program of the next step from a fit, in the form of the program (6) of the same recording and structure. The
+    proximal term refers to the weights of the fit, and weights that no sample reaches stay there."""
     s, v = fit.structure, fit.v
     gram = _gram(recording, counted, s, fit, [], np.zeros((recording.length, 0)))[0]
     P, Je, S = gram[:-1, :-1], gram[:-1, -1], s.inverse_slope_map
@@ -419,12 +420,12 @@ def _gram(
     free_parts: Sequence[int],
     further: Matrix,
 ) -> tuple[Matrix, Mask]:
-    """Means of the products of the columns of J, with further ones (N, k), and e over the counted samples, and which
+    """Means over the counted samples of the products of the columns of J, further columns (N, k) and e, and which
     operators moved (d,)."""
     v, slopes = at.z[: s.d], piece_slopes(s, at.z[: s.d], at.static)
     beside = np.column_stack([further, at.error])
     nudges = [np.where(state.play[1 : s.n + 1] > state.play[0], -NUDGE, NUDGE) for state in at.states]
-    nudged = [_nudged(s, *pair) for pair in zip(at.states, nudges, strict=True)]
+    nudged = [_nudge(s, *pair) for pair in zip(at.states, nudges, strict=True)]
     steps = np.tril(np.ones((s.n, s.n))) * np.diff(s.thresholds)  # dz_i / d(slope j)
 
     def columns(part: int, samples: slice, rows: Matrix, *others: Matrix) -> Matrix:
@@ -442,8 +443,8 @@ def _gram(
     return gram_of(recording, counted, s, starts, at.static, columns, beside, slopes=True, dynamics=at.dynamics)
 
 
-def _nudged(s: ModelStructure, state: OperatorState, nudges: Vector) -> OperatorState:
-    """The states with those of all thresholds above zero nudged."""
+def _nudge(s: ModelStructure, state: OperatorState, nudges: Vector) -> OperatorState:
+    """The states with a perturbation of those of all thresholds above zero."""
     nudged = state.copy()
     nudged.play[1 : s.n + 1] += nudges
     nudged.creep.reshape(-1, s.lanes)[:, 1 : s.n + 1] += nudges

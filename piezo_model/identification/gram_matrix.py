@@ -1,6 +1,6 @@
-"""The Gram matrix of columns over a recording, in blocks, behind the dynamics if there are some.
+"""The Gram matrix of columns over a recording, in blocks, filtered by the dynamics if there are any.
 
-No more than GRAM_SAMPLES rows are needed: of a longer recording every k-th block has some.
+GRAM_SAMPLES rows are enough: of a longer recording, every k-th block is used.
 """
 
 import math
@@ -19,15 +19,15 @@ from piezo_model.structure import ModelStructure
 from solvers.arrays import Mask, Matrix, Vector
 
 CHUNK, GRAM_SAMPLES, STILL, SAME_PERIOD = 4096, 1_000_000, 1e-9, 1e-3
-"""Largest number of samples whose rows are held at once, samples of a Gram matrix, largest range of an operator at
-rest, normalised units, and largest relative difference of two sampling periods that are the same."""
+"""Most rows in memory at once; most samples of a Gram matrix; largest range of an operator at rest, in normalised
+units; relative tolerance with which two sampling periods are equal."""
 
 
 def at_period(
     s: ModelStructure, dynamics: Dynamics | None, sample_time: float
 ) -> tuple[ModelStructure, Dynamics | None]:
     """Structure and dynamics for one of several recordings, at its sampling period in s: without modes that are too
-    fast for it, and without a lag where it shows none of them, since the lag of each recording is its own."""
+    fast for it, and without a delay if none remains, since each recording has its own delay."""
     if math.isclose(sample_time, s.sample_time, rel_tol=SAME_PERIOD):
         return s, dynamics
     below = dynamics and dynamics.below(sample_time)
@@ -46,12 +46,12 @@ def gram_of(
     slopes: bool = False,
     dynamics: Dynamics | None = None,
 ) -> tuple[Matrix, Mask]:
-    """Means of the products of columns over the counted samples of every block, or of every few in a long recording,
+    """Means of the products of columns over the counted samples of every block, or every k-th one of a long recording,
     and which operators moved (d,).
 
-    The columns are a function of the number of a part, samples of it, and their rows (x, Ξ(x, y)) from each of the
-    starts, one after another. They pass the dynamics; those ``beside`` (N, k) do not. Behind modes, all count as far as
-    they are orthogonal to what rings from before a part.
+    ``columns`` is a function of the number of a part, a slice of its samples, and their rows (x, Ξ(x, y)) from each of
+    the ``starts``. Its columns are filtered by the dynamics; those ``beside`` (N, k) are not. With modes, the columns
+    are made orthogonal to the ringing from before a part.
     """
     blocks = max(1, math.ceil(recording.length / GRAM_SAMPLES))
     size, r = CHUNK // blocks, padded_thresholds(s)
@@ -71,10 +71,10 @@ def gram_of(
             x = unit_x[within]
             if k % blocks:
                 through = None
-                for each in regressors:
-                    each.advance(x)
+                for rows in regressors:
+                    rows.advance(x)
                 continue
-            J = columns(i, samples, *(each.rows(x, unit_y[samples]) for each in regressors))
+            J = columns(i, samples, *(rows.rows(x, unit_y[samples]) for rows in regressors))
             if lagging is not None:
                 through = through or lagging.stream(own.sample_time)
                 J = through(J)

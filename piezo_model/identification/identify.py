@@ -1,12 +1,12 @@
 """From a recording to a model: equations (3) to (6) and the forward fit, in one call.
 
-    dynamics a resonance or a lag, and the recording as of a stage without it    `dynamics`
-    start    sign, transient, states before the first sample, a first fit        `start`
-    creep    creep and drift, where the data determine them                      `creep`
-    orders   n and m, from one Gram matrix of all candidates                     `selection`
-    fit      program (6) with its proof, then the smallest error of the output   `error_model`, `forward`
-    judge    errors beside those of a line, adequacy, faults, intervals          `fit_errors`, `adequacy`, `faults`
-    report   numbers, and what each finding says of itself                       `report`
+    dynamics a resonance or a lag, and the recording of the same stage without it   `dynamics`
+    start    sign, transient, states before the first sample, a first fit           `start`
+    creep    creep and drift, if the data determine them                            `creep`
+    orders   n and m, from one Gram matrix of all candidates                        `selection`
+    fit      program (6) with its proof, then the smallest output error             `error_model`, `forward`
+    judge    errors compared with those of a line, adequacy, faults, intervals      `fit_errors`, `adequacy`, `faults`
+    report   numbers and sentences                                                  `report`
 
 Data that the model class does not describe are refused.
 """
@@ -22,13 +22,13 @@ from piezo_model import checks
 from piezo_model.dynamics import Dynamics
 from piezo_model.figures import figures_of
 from piezo_model.identification.adequacy import Adequacy, check_adequacy
-from piezo_model.identification.creep import Bounded, CreepEvidence, Drift, determine
-from piezo_model.identification.drive import drive_of, orders_within
+from piezo_model.identification.creep import CreepEvidence, Drift, Estimate, determine
+from piezo_model.identification.drive import identifiability_of, orders_within
 from piezo_model.identification.dynamics import DynamicsChoice, LagChoice, StaticView, separate
 from piezo_model.identification.dynamics_parameters import Parameters
 from piezo_model.identification.error_model import (
     IdentificationError,
-    Solving,
+    ProgramSolver,
     accumulate,
     counted_from,
     one_thread,
@@ -48,10 +48,10 @@ from piezo_model.identification.selection import (
     Selection,
     select,
 )
-from piezo_model.identification.several import Together, aligned, apart, together
+from piezo_model.identification.several import JointStart, align, joint_start, split_fit
 from piezo_model.identification.start import USUAL, InitialFit, prepare, structure_of, y_range
 from piezo_model.identification_problem import IdentificationProblem
-from piezo_model.model import Fitted, HysteresisCreepModel
+from piezo_model.model import HysteresisCreepModel, Provenance
 from piezo_model.operator_state import OperatorState, States
 from piezo_model.recordings import Recording
 from piezo_model.recordings.several import Recordings
@@ -81,14 +81,14 @@ class Options:
 
     @property
     def chooses_creep(self) -> bool:
-        """Whether the data decide about creep."""
+        """True if the data decide whether the model has creep."""
         return self.structure is None and self.creep_rates is None
 
-    def first(self, recording: Recording) -> ModelStructure:
+    def first_structure(self, recording: Recording) -> ModelStructure:
         """Structure of the first fit."""
         n, m = (
-            usual if given is None else given
-            for given, usual in zip((self.n, self.m), orders_within(recording.x, *USUAL), strict=True)
+            default if order is None else order
+            for order, default in zip((self.n, self.m), orders_within(recording.x, *USUAL), strict=True)
         )
         return self.structure or structure_of(recording, n, m, self.creep_rates or ())
 
@@ -117,43 +117,44 @@ def identify(
     Parameters
     ----------
     x : array (N,), Recording or sequence of Recording
-        Input in the structure's input unit, or a recording of both, which is converted to the structure's units; or
-        several of one stage, each with its own sampling period, of which the model has the shortest (`several`).
+        Input in the structure's input unit; or a recording of input and output, which is converted to the structure's
+        units; or several recordings of one stage, each with its own sampling period (`several`). The model has the
+        shortest of these periods.
     y : array (N,)
         Measured output; not with a recording.
     structure : ModelStructure, optional
-        Required for arrays; for a recording the default has its ranges, a free offset, ``n``, ``m`` and
+        Required for arrays. For a recording the default has the recording's ranges, a free offset, ``n``, ``m`` and
         ``creep_rates``.
     n, m : int, optional
         Orders of hysteresis and creep, and of the superposition on each side.
     creep_rates : sequence of float, optional
-        In 1/s; empty for a model without creep. By default creep is in the model if the data determine it beside any
+        In 1/s; empty for a model without creep. By default the model has creep if the data distinguish it from
         hysteresis (`creep`), and orders that are not given are chosen by an information criterion (`selection`).
     solver : str
         Any registered solver.
     skip : int, optional
-        Samples at the start that move the operators and are not counted; by default those of a switch-on transient.
+        Samples at the start that move the operators but are not counted; by default those of a switch-on transient.
     lag : "estimate", "remove" or "ignore"
-        Whether a lag of the output is estimated, removed as the sensor's, or ignored; beside a resonance it is part of
-        the dynamics, and stays in the model.
+        Whether a lag of the output is estimated, removed as that of the sensor, or ignored. With a resonance, the lag
+        is part of the dynamics and stays in the model.
     dynamics : "estimate", "ignore" or Dynamics
-        Whether a resonance and a lag are taken in where the recording determines them, ignored, or known.
+        Known dynamics; or whether a resonance and a lag are included if the recording determines them, or ignored.
     estimator : "forward" or "error-model"
-        Whether the weights minimise the error of the output, or are those of the paper's program (6).
+        Whether the weights minimise the output error, or are those of the paper's program (6).
     state : OperatorState, optional
         States before the first sample if they are known, as in a simulation; estimated by default.
     proximal : float
-        As of ``IdentificationProblem``.
+        As in ``IdentificationProblem``.
     force : bool
-        Whether to return a model that is not adequate, with the reason in its report, instead of an error.
+        Return a model that is not adequate, with the reason in its report, instead of raising an error.
     progress : function of (what, done, total), optional
 
     Returns
     -------
     HysteresisCreepModel
-        With ``.start`` and ``.report``: fit, baseline, excitation, certificate, lag, creep, drift, figures of a data
-        sheet with intervals, sentences about them, and the ``digest`` of the recording.
-        Its structure is inverted if the output falls as the input rises.
+        With ``.start`` and ``.report``: fit, baseline, excitation, certificate, lag, creep, drift, data-sheet figures
+        with intervals, sentences about these, and the ``digest`` of the recording.
+        ``structure.y_scale`` is negative if the output falls as the input rises.
 
     Raises
     ------
@@ -179,237 +180,242 @@ def identify(
         checks.require(lambda s: s is None or isinstance(s, ModelStructure), "a ModelStructure", structure=structure)
     recordings = _recordings_of(x, y, structure)
     if state is not None and len(recordings) > 1:
-        raise IdentificationError("a state is that before one recording, and there are several")
+        raise IdentificationError("state belongs to one recording, and several were given")
     options = Options(structure, n, m, creep_rates, skip, lag, dynamics, state, estimator, force)
 
-    model = _identified(recordings, options, Solving(solver, proximal), progress)
+    model = _identify(recordings, options, ProgramSolver(solver, proximal), progress)
     digests = tuple(recording.digest() for recording in recordings)
     remarks = [note for recording in recordings for note in recording.notes]
     report = {**model.report, "recording": digests[0], "remarks": remarks}
     later = tuple(States(play=part["play"], creep=part["creep"]) for part in report["parts"])
-    return replace(model, report=report, fitted=Fitted(digests[0], report["fit"]["skipped"], later, digests[1:]))
+    return replace(model, report=report, fitted=Provenance(digests[0], report["fit"]["skipped"], later, digests[1:]))
 
 
-def _identified(
-    recordings: Sequence[Recording], options: Options, solving: Solving, progress: Progress
+def _identify(
+    recordings: Sequence[Recording], options: Options, qp_solver: ProgramSolver, progress: Progress
 ) -> HysteresisCreepModel:
-    """The model of recordings; IdentificationError if it does not describe them."""
-    given = options.structure or recordings[0]
-    recordings = aligned([one.in_units(given.input_unit, given.output_unit) for one in recordings])
-    fastest = min(recordings, key=lambda one: one.sample_time)
-    first = options.first(Recordings.together(recordings) if len(recordings) > 1 else fastest)
+    """The model of the recordings; IdentificationError if it does not describe them."""
+    units = options.structure or recordings[0]
+    recordings = align([recording.in_units(units.input_unit, units.output_unit) for recording in recordings])
+    fastest = min(recordings, key=lambda recording: recording.sample_time)
+    first = options.first_structure(Recordings.concatenate(recordings) if len(recordings) > 1 else fastest)
     if not math.isclose(first.sample_time, fastest.sample_time, rel_tol=SAME_PERIOD):
         raise IdentificationError(
-            f"{fastest.name}: the sampling period is {fastest.sample_time:g} s, and that of the "
+            f"{fastest.name}: the sampling period is {fastest.sample_time:g} s, but that of the "
             f"structure is {first.sample_time:g} s"
         )
-    for one in recordings:
-        if first.creep_rates and (quickest := max(first.creep_rates)) * one.sample_time > 1.0:
+    for recording in recordings:
+        if first.creep_rates and (largest := max(first.creep_rates)) * recording.sample_time > 1.0:
             raise IdentificationError(
-                f"{one.name}: a creep rate of {quickest:g} per second is above one over the sampling period, "
-                f"{1.0 / one.sample_time:g}"
+                f"{recording.name}: a creep rate of {largest:g} per second is above the sampling rate, "
+                f"{1.0 / recording.sample_time:g} per second"
             )
     progress("start", 0, 4)
-    fitting = _begun(recordings, first, options, solving)
+    identification = _begin(recordings, first, options, qp_solver)
     progress("orders", 2, 4)
-    selection, near = fitting.chosen()
+    selection, guess = identification.choose_orders()
     progress("fit", 3, 4)
-    final = fitting.final(near)
-    judged = fitting.judged(final)
-    if (verdict := judged[0]).refusal is not None and not options.force:
-        said = f"{fitting.recording.name}: {verdict.refusal}", *verdict.faults[:1]
-        raise IdentificationError(". ".join(said).removesuffix("."))
-    return _reported(fitting, final, judged, selection)
+    final = identification.fit(guess)
+    judgement = identification.judge(final)
+    if (verdict := judgement[0]).refusal is not None and not options.force:
+        sentences = f"{identification.recording.name}: {verdict.refusal}", *verdict.faults[:1]
+        raise IdentificationError(". ".join(sentences).removesuffix("."))
+    return _with_report(identification, final, judgement, selection)
 
 
-Judged = tuple[Adequacy, Fit, Recording, Sequence[tuple[Recording, ForwardFit, Fit]]]
-"""Whether a fit is adequate, and its errors; the recording, with outputs at one level, and each of several with its
-share of the fit and its errors, beside a drift."""
-Near = ForwardFit | Candidate
-"""From whose structure, states and weights the final fit begins."""
+Judgement = tuple[Adequacy, Fit, Recording, Sequence[tuple[Recording, ForwardFit, Fit]]]
+"""Adequacy and errors of a fit; the recording, with all outputs at one level; and each member recording, with its share
+of the fit and its errors next to a drift."""
+InitialGuess = ForwardFit | Candidate
+"""Its structure, states and weights are the starting point of the final fit."""
 
 
 @dataclass(frozen=True)
-class Final:
-    """The final fit, and the program (6) beside it."""
+class FinalFit:
+    """The final fit, and the program (6) of the same structure."""
 
     problem: IdentificationProblem
     optimal: Vector
     """Weights (d,) of the program."""
     fit: ForwardFit
-    drift: Bounded | None
-    """The estimate within which the fit has a drift; None without one."""
+    drift: Estimate | None
+    """The estimate that bounds the drift of the fit; None without a drift."""
 
 
 @dataclass(frozen=True)
-class Fitting:
-    """Final fits of a recording, after what was found before them."""
+class Identification:
+    """An identification after its start: the choice of the orders, the final fit, and its judgement."""
 
     recording: Recording
-    separated: StaticView
-    determined: CreepEvidence
+    view: StaticView
+    evidence: CreepEvidence
     options: Options
-    solving: Solving
-    together: Together | None = None
-    """What is known of several recordings beside that."""
+    qp_solver: ProgramSolver
+    joint: JointStart | None = None
+    """The start of several recordings; None for a single one."""
 
     @property
-    def prepared(self) -> InitialFit:
-        """The start, as of a static stage."""
-        return self.separated.prepared
+    def initial(self) -> InitialFit:
+        """The first fit, of the static stage."""
+        return self.view.initial
 
     @property
     def levels(self) -> Columns:
-        """Unknown levels of the output; none of a single recording."""
-        return Columns.none(self.recording.length) if self.together is None else self.together.levels
+        """Unknown levels of the outputs; none for a single recording."""
+        return Columns.none(self.recording.length) if self.joint is None else self.joint.levels
 
     @property
     def span(self) -> float:
         """The output's full range."""
-        low, high = y_range(self.recording, self.prepared.skip)
+        low, high = y_range(self.recording, self.initial.skip)
         return high - low
 
-    def chosen(self) -> tuple[Selection | None, Near]:
-        """The choice of the orders, and where the final fit begins."""
-        prepared, options, determined = self.prepared, self.options, self.determined
-        fit, s = prepared.fit, prepared.structure
+    def choose_orders(self) -> tuple[Selection | None, InitialGuess]:
+        """The choice of the orders, and the starting point of the final fit."""
+        initial, options, evidence = self.initial, self.options, self.evidence
+        fit, s = initial.fit, initial.structure
         rates: Sequence[tuple[float, ...]] = [s.creep_rates]
-        if options.chooses_creep and determined.creep is not None:
-            rates = self.together.rates if self.together else [determined.rates]
+        if options.chooses_creep and evidence.creep is not None:
+            rates = self.joint.rates if self.joint else [evidence.rates]
         if options.structure is not None or (rates == [s.creep_rates] and None not in (options.n, options.m)):
             return None, fit
-        recording, orders = self.separated.static, (HYSTERESIS_ORDERS, SUPERPOSITION_ORDERS)
+        recording, orders = self.view.static, (HYSTERESIS_ORDERS, SUPERPOSITION_ORDERS)
         most = orders_within(self.recording.x, *(largest for *_, largest in orders))
         ns, ms = (
-            [order for order in each if order <= limit] if given is None else [given]
-            for each, limit, given in zip(orders, most, (options.n, options.m), strict=True)
+            [candidate for candidate in candidates if candidate <= limit] if order is None else [order]
+            for candidates, limit, order in zip(orders, most, (options.n, options.m), strict=True)
         )
-        counted = counted_from(recording, prepared.skip)
+        counted = counted_from(recording, initial.skip)
         selection = select(
-            recording, counted, fit, determined, rates, self.solving, self.span, self.levels.signals, ns, ms
+            recording, counted, fit, evidence, rates, self.qp_solver, self.span, self.levels.signals, ns, ms
         )
         return selection if None in (options.n, options.m) else None, selection.chosen
 
-    def final(self, near: Near) -> Final:
-        """Solve (6) and minimise the error of the output, with a drift if the gain is clear."""
-        recording, s = self.recording, near.structure
-        counted, solving = counted_from(recording, self.prepared.skip), self.solving
-        parameters = Parameters.known(self.separated.dynamics, s.sample_time)
-        problem = accumulate(self.separated.static, counted, s, near.states, solving)
-        optimal = solving.optimum(problem)
+    def fit(self, guess: InitialGuess) -> FinalFit:
+        """Solve (6) and minimise the output error, with a drift if the gain is significant."""
+        recording, s = self.recording, guess.structure
+        counted, qp_solver = counted_from(recording, self.initial.skip), self.qp_solver
+        parameters = Parameters.known(self.view.dynamics, s.sample_time)
+        problem = accumulate(self.view.static, counted, s, guess.states, qp_solver)
+        optimal = qp_solver.optimum(problem)
         if self.options.estimator == "error-model":
             v = s.inverse_slope_map @ optimal
-            begun = near.states, v, solving
-            fit = fit_forward(recording, counted, s, *begun, steps=0, further=self.levels, parameters=parameters)
-            return Final(problem, optimal, fit, None)
-        limits = self.determined.creep_limits(s, self.prepared.fit) if self.options.chooses_creep else None
+            start = guess.states, v, qp_solver
+            fit = fit_forward(recording, counted, s, *start, steps=0, further=self.levels, parameters=parameters)
+            return FinalFit(problem, optimal, fit, None)
+        limits = self.evidence.creep_limits(s, self.initial.fit) if self.options.chooses_creep else None
 
-        def fitted(states: Sequence[OperatorState], v: Vector, further: Columns) -> ForwardFit:
+        def fit_from(states: Sequence[OperatorState], v: Vector, further: Columns) -> ForwardFit:
             return fit_forward(
                 recording,
                 counted,
                 s,
                 states,
                 v,
-                solving,
+                qp_solver,
                 steps=STEPS,
-                searched=self.prepared.searched,
+                searched=self.initial.searched,
                 further=further,
                 creep_limits=limits,
                 parameters=parameters,
             )
 
-        fit = fitted(near.states, near.v, self.levels)
-        if (
-            fit.cost > self.prepared.fit.cost
-        ):  # where the model class does not fit, the prediction of a choice is far off
-            fit = min(fit, fitted(near.states, s.inverse_slope_map @ optimal, self.levels), key=lambda fit: fit.cost)
-        if (drift := self.determined.drift) is not None:
+        fit = fit_from(guess.states, guess.v, self.levels)
+        if fit.cost > self.initial.fit.cost:  # outside the model class the predicted weights are far off
+            other = fit_from(guess.states, s.inverse_slope_map @ optimal, self.levels)
+            fit = min(fit, other, key=lambda fit: fit.cost)
+        if (drift := self.evidence.drift) is not None:
             column = Columns.of(recording.time, *drift.limits)
-            drifting = fitted(fit.states, fit.v, self.levels.beside(column))
+            drifting = fit_from(fit.states, fit.v, self.levels.beside(column))
             if fit.improved_by(drifting, 1):
-                return Final(problem, optimal, drifting, drift)
-        return Final(problem, optimal, fit, None)
+                return FinalFit(problem, optimal, drifting, drift)
+        return FinalFit(problem, optimal, fit, None)
 
-    def judged(self, final: Final) -> Judged:
-        """Judge the fit; of several recordings, for each."""
+    def judge(self, final: FinalFit) -> Judgement:
+        """Judge the fit of every recording."""
         fit, s, ignored = final.fit, final.fit.structure, self.options.dynamics == "ignore"
-        skip, recording = self.prepared.skip, self.together.levelled(fit) if self.together else self.recording
+        skip, recording = self.initial.skip, self.joint.at_one_level(fit) if self.joint else self.recording
         modelled = s.y_centre + s.y_scale * fit.y_model
         steady = recording if final.drift is None else replace(recording, y=modelled + s.y_scale * fit.error)
-        found = fit_of(recording, s, recording.y - modelled, skip, self.span)
-        beside_drift = found if final.drift is None else fit_of(steady, s, steady.y - modelled, skip, self.span)
-        shares = [*apart(steady, fit)] if isinstance(steady, Recordings) else [(steady, fit, beside_drift)]
-        each = [
-            (f"{one.name}: " * (len(shares) > 1), check_adequacy(one, own, skip, errors, ignored))
-            for one, own, errors in shares
+        errors = fit_of(recording, s, recording.y - modelled, skip, self.span)
+        without_drift = errors if final.drift is None else fit_of(steady, s, steady.y - modelled, skip, self.span)
+        members = [*split_fit(steady, fit)] if isinstance(steady, Recordings) else [(steady, fit, without_drift)]
+        verdicts = [
+            (f"{member.name}: " * (len(members) > 1), check_adequacy(member, share, skip, member_errors, ignored))
+            for member, share, member_errors in members
         ]
-        name, verdict = min(each, key=lambda of: of[1].refusal is None)
-        refusal = verdict.refusal and name + verdict.refusal
-        if self.separated.finding is not None:
-            refusal = self.separated.finding.refusal or refusal
-        faults = [own_name + fault for own_name, one in each for fault in one.faults]
-        return replace(verdict, refusal=refusal, faults=faults), found, recording, shares
+        label, verdict = min(verdicts, key=lambda labelled: labelled[1].refusal is None)
+        refusal = verdict.refusal and label + verdict.refusal
+        if self.view.finding is not None:
+            refusal = self.view.finding.refusal or refusal
+        faults = [label + fault for label, member in verdicts for fault in member.faults]
+        return replace(verdict, refusal=refusal, faults=faults), errors, recording, members
 
 
-def _begun(recordings: Sequence[Recording], first: ModelStructure, options: Options, solving: Solving) -> Fitting:
-    """What precedes the choice of the orders."""
-    own_range = options.structure is None
+def _begin(
+    recordings: Sequence[Recording], first: ModelStructure, options: Options, qp_solver: ProgramSolver
+) -> Identification:
+    """The identification up to the choice of the orders."""
+    fit_range = options.structure is None
 
-    def view(
+    def static_view(
         recording: Recording,
         s: ModelStructure,
         choice: DynamicsChoice | Dynamics = options.dynamics,
         lag: LagChoice = options.lag,
     ) -> StaticView:
         def start(static: Recording, skip: int | None = options.skip) -> InitialFit:
-            return prepare(static, s, solving, skip, options.state, fit_range=own_range)
+            return prepare(static, s, qp_solver, skip, options.state, fit_range=fit_range)
 
-        return separate(recording, start, choice, lag, options.skip or 0, solving)
+        return separate(recording, start, choice, lag, options.skip or 0, qp_solver)
 
-    def alone(recording: Recording, separated: StaticView, determined: CreepEvidence) -> ForwardFit:
-        fitting = Fitting(recording, separated, determined, options, solving)
-        return fitting.final(fitting.chosen()[1]).fit
+    def fit_alone(recording: Recording, view: StaticView, evidence: CreepEvidence) -> ForwardFit:
+        identification = Identification(recording, view, evidence, options, qp_solver)
+        return identification.fit(identification.choose_orders()[1]).fit
 
     if len(recordings) > 1:
         own_lag: LagChoice = "ignore" if options.lag == "ignore" else "remove"
-        several = together(recordings, first, view, own_lag, alone, solving)
-        return Fitting(several.recording, several.separated, several.determined, options, solving, several)
-    recording, separated = recordings[0], view(recordings[0], first)
-    prepared = separated.prepared
-    determined = determine(separated.static, counted_from(recording, prepared.skip), prepared.fit, solving)
-    return Fitting(recording, separated, determined, options, solving)
+        joint = joint_start(recordings, first, static_view, own_lag, fit_alone, qp_solver)
+        return Identification(joint.recording, joint.view, joint.evidence, options, qp_solver, joint)
+    recording, view = recordings[0], static_view(recordings[0], first)
+    evidence = determine(view.static, counted_from(recording, view.initial.skip), view.initial.fit, qp_solver)
+    return Identification(recording, view, evidence, options, qp_solver)
 
 
-def _reported(fitting: Fitting, final: Final, judged: Judged, selection: Selection | None) -> HysteresisCreepModel:
+def _with_report(
+    identification: Identification, final: FinalFit, judgement: Judgement, selection: Selection | None
+) -> HysteresisCreepModel:
     """The model of a final fit, with its report."""
-    fit, problem, options, (verdict, found, recording, shares) = final.fit, final.problem, fitting.options, judged
-    s, prepared, determined, solving = fit.structure, fitting.prepared, fitting.determined, fitting.solving
+    fit, problem, options, view = final.fit, final.problem, identification.options, identification.view
+    (verdict, errors, recording, members), joint = judgement, identification.joint
+    s, initial, evidence, qp_solver = fit.structure, view.initial, identification.evidence, identification.qp_solver
     model = HysteresisCreepModel.from_weights(s, fit.weights)
-    g, lag = fit.dynamics, fitting.separated.lag
+    g, lag = fit.dynamics, view.lag
     removed = lag is not None and lag.removed
-    apart = {"sensor_delay_s": g.delay_s} if removed and g else {"left_out": g or fitting.separated.left_out}
-    model = replace(model, **({"dynamics": g} if g and not removed else apart))
-    starts = zip(recording.starts, prepared.starts, fit.states, strict=True)
+    excluded = {"sensor_delay_s": g.delay_s} if removed and g else {"left_out": g or view.left_out}
+    model = replace(model, **({"dynamics": g} if g and not removed else excluded))
+    starts = zip(recording.starts, initial.starts, fit.states, strict=True)
     per_s = 2.0 * s.y_scale / recording.duration_s
     report = FitReport(
         estimator=options.estimator,
-        solving=solving,
-        fit=found,
+        qp_solver=qp_solver,
+        fit=errors,
         adequacy=verdict,
         excitation=problem.excitation_report(),
         certificate=prove(problem, final.optimal),
         lag=lag,
-        dynamics=fitting.separated.finding,
-        start=prepared.starts[0],
+        dynamics=view.finding,
+        start=initial.starts[0],
         parts=[{"first_sample": first, "start": how, **state.to_dict(s)} for first, how, state in starts][1:],
-        drive=drive_of(recording, prepared.skip, determined),
-        members=list(fitting.together.members(shares)) if fitting.together else [],
-        determined=determined,
+        drive=identifiability_of(recording, initial.skip, evidence),
+        members=list(joint.members(members)) if joint else [],
+        evidence=evidence,
         creep_chosen=options.chooses_creep,
         drift=None
         if final.drift is None
-        else Drift(per_s * float(fit.further[-1]), abs(per_s) * final.drift.se, percent_of(fitting.span, fit.rms)),
+        else Drift(
+            per_s * float(fit.further[-1]), abs(per_s) * final.drift.se, percent_of(identification.span, fit.rms)
+        ),
         selection=selection,
         intervals=intervals(fit) if options.estimator == "forward" else None,
         figures=figures_of(model),
@@ -422,9 +428,9 @@ def _recordings_of(
     x: ArrayLike | Recording | Sequence[Recording], y: ArrayLike | None, structure: ModelStructure | None
 ) -> Sequence[Recording]:
     x = [x] if isinstance(x, Recording) else x
-    if isinstance(x, Sequence) and x and all(isinstance(one, Recording) for one in x):
+    if isinstance(x, Sequence) and x and all(isinstance(recording, Recording) for recording in x):
         if y is not None:
-            raise IdentificationError("a recording holds its own output, so y must not be given")
+            raise IdentificationError("a recording contains its output, so y must not be given")
         return cast(Sequence[Recording], x)
     if y is None or structure is None:
         raise IdentificationError("identification from arrays needs x, y and a structure")

@@ -1,9 +1,9 @@
-"""What the modes of a stage ring from before the first sample of a recording, which may find them in motion:
+"""The free ringing of the modes at the start of a recording, if the stage was in motion before its first sample:
 
     r(k) = Σ_i exp(−ζ_i ω_i t) (a_i cos ω_di t + b_i sin ω_di t),   ω_di = ω_i √(1 − ζ_i²),   t = (k − k₀) T
 
-from the first counted sample k₀ of each part on. The a and b are unknowns of every fit and eliminated from it: they
-leave the least of the error, and a column of the Jacobian counts as far as it is orthogonal to those of r.
+from the first counted sample k₀ of each part. The a and b are unknowns of every fit and are eliminated from it: they
+minimise the error, and every column of the Jacobian is made orthogonal to the columns of r.
 
 Source: G. Golub and V. Pereyra, "Separable nonlinear least squares: the variable projection method and its
 applications", Inverse Problems 19 (2003) R1–R26.
@@ -23,7 +23,7 @@ DECAYED = 25.0
 
 
 def decays(dynamics: Dynamics | None, sample_time: float, counted: Mask) -> Matrix:
-    """The columns (M, 2 k) of k modes over the first M samples of a part, after which they are at rest."""
+    """The columns (M, 2 k) of k modes over the first M samples of a part, after which the modes are at rest."""
     if dynamics is None or not (dynamics.frequencies_Hz and counted.any()):
         return np.zeros((0, 0))
     first, f, zeta = int(np.argmax(counted)), np.array(dynamics.frequencies_Hz), np.array(dynamics.damping)
@@ -34,7 +34,7 @@ def decays(dynamics: Dynamics | None, sample_time: float, counted: Mask) -> Matr
 
 
 def initial_ringing(dynamics: Sequence[Dynamics | None], recording: Recording, error: Vector, counted: Mask) -> Vector:
-    """The ringing (N,) that leaves the least of the counted errors (N,), for the dynamics of each part."""
+    """The ringing (N,) that minimises the counted errors (N,), for the dynamics of each part."""
     ringing = np.zeros(error.size)
     for g, T, part in zip(dynamics, recording.periods, recording.parts, strict=True):
         columns = decays(g, T, counted[part])
@@ -46,6 +46,6 @@ def initial_ringing(dynamics: Sequence[Dynamics | None], recording: Recording, e
 
 
 def orthogonal(gram: Matrix, first: int) -> Matrix:
-    """The Gram matrix of what the other columns have orthogonal to the first ones."""
+    """The Gram matrix of the other columns, made orthogonal to the first ones."""
     A, B, C = gram[:first, :first], gram[:first, first:], gram[first:, first:]
     return np.asarray(C - B.T @ np.linalg.pinv(A, hermitian=True) @ B) if first else C

@@ -1,21 +1,21 @@
-"""Whether a resonance moves: with the amplitude of its vibration, as of a spring that hardens or softens, or with the
-position of the stage,
+"""Whether a resonance moves, with the amplitude of its vibration (a spring that hardens or softens) or with the
+position of the stage:
 
     log f(t) = log f + β₁ A² + β₂ p + β₃ p²,
 
 where p is the mean of the output over a period, and A the amplitude of its difference from the static output.
 
-With the poles D(z) of the mode, the derivative of the output by log f is J = s / D(z), and that by β_i is m_i s / D(z),
-where m_i is A², p or p²: three further columns of the forward fit. What the static part errs moves β as well, and
-follows the drive as J does: it stands at few harmonics. With the columns w of J P⁻¹ / N, β errs by Σ w e, and its
-covariance is the sum over the frequencies
+With the poles D(z) of the mode, the derivative of the output with respect to log f is J = s / D(z), and that with
+respect to β_i is m_i s / D(z), where m_i is A², p or p²: three further columns of the forward fit. The error of the
+static part also biases β, and like J it follows the drive, so that it is concentrated at few harmonics. With the
+columns w of J P⁻¹ / N, the error of β is Σ w e, and its covariance is the sum over the frequencies
 
     C = Σ_k W_k* W_kᵀ |E_k|² / N²,
 
-of which as many are independent as Welch and Satterthwaite count. The resonance moves by an F test of β against C and
-the covariance of the module `intervals`, as a slow error is less regular than C has it.
-Whether it does or not, the standard deviation of log f(t) is how far parts of the recording disagree on f, and belongs
-to its uncertainty.
+with the effective number of independent frequencies by Welch and Satterthwaite. The resonance moves if an F test
+rejects β = 0, with C plus the covariance of the module `intervals`, since C underestimates slow errors.
+In either case the standard deviation of log f(t) measures how far parts of the recording disagree on f, and adds to
+the uncertainty of f.
 
 Sources: A. H. Nayfeh and D. T. Mook, Nonlinear Oscillations, 1979, section 2.3, for the frequency of a nonlinear
 spring; E. J. Hannan, "Regression for time series", 1963, for C; F. E. Satterthwaite, Biometrics Bulletin 2 (1946)
@@ -38,37 +38,36 @@ from piezo_model.identification.forward import Columns, ForwardFit
 from solvers.arrays import Matrix, Vector
 
 CHANCE, USUAL = 1e-4, (0.05, 0.95)
-"""Largest probability of β without movement, and quantiles of the frequencies, by the squares of s, between which a
-resonance is said to move."""
+"""Significance level of the F test; quantiles of f(t), weighted by s², between which a resonance is said to move."""
 
 
 def movement(
     fit: ForwardFit, mode: int, T: float, refit: Callable[[Columns], ForwardFit]
 ) -> tuple[tuple[float, float], float]:
-    """Lowest and highest frequency in Hz of a mode, the same twice for one that does not move, and the standard
-    deviation of log f(t). The fit beside further columns is ``refit``."""
+    """Lowest and highest frequency in Hz of a mode, which are equal if it does not move, and the standard deviation of
+    log f(t). ``refit`` repeats the fit with further columns."""
     assert fit.dynamics is not None
-    parts = [_moved(fit.dynamics, mode, T, fit.static[part], fit.y_model[part]) for part in fit.parts]
+    parts = [_columns(fit.dynamics, mode, T, fit.static[part], fit.y_model[part]) for part in fit.parts]
     signals, shapes, source = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     free, weights = np.full(signals.shape[1], np.inf), source**2
     other, f = refit(Columns(signals, -free, free)), fit.dynamics.frequencies_Hz[mode]
     change = shapes @ other.further
     change -= np.average(change, weights=weights)
     ends = np.quantile(change, USUAL, weights=weights, method="inverted_cdf")
-    low, high = (f * np.exp(ends * (_chance(replace(other, P=other.P_here())) < CHANCE))).tolist()
+    low, high = (f * np.exp(ends * (_p_value(replace(other, P=other.P_here())) < CHANCE))).tolist()
     return (low, high), math.sqrt(np.average(change**2, weights=weights))
 
 
-def _chance(fit: ForwardFit) -> float:
-    """The probability of further weights as large as those of a fit if they are 0."""
+def _p_value(fit: ForwardFit) -> float:
+    """p-value of the further weights of a fit, for the hypothesis that they are 0."""
     free, samples = np.flatnonzero(fit.free[fit.structure.d :][: fit.further.size]), np.count_nonzero(fit.counted)
     if not free.size:
         return 1.0
     beta, directions = fit.further[free], inverse_over(fit.P, fit.free)[fit.structure.d + free] / samples
     w = np.column_stack([fit.derivative(direction) for direction in directions])
-    each = zip((w[part][fit.counted[part]] for part in fit.parts), fit.errors, strict=True)
+    pairs = zip((w[part][fit.counted[part]] for part in fit.parts), fit.errors, strict=True)
     lines = np.concatenate(
-        [np.fft.rfft(own, axis=0) * np.abs(np.fft.rfft(e))[:, None] / e.size for own, e in each if e.size]
+        [np.fft.rfft(own, axis=0) * np.abs(np.fft.rfft(e))[:, None] / e.size for own, e in pairs if e.size]
     )
     at = np.ix_(fit.structure.d + free, fit.structure.d + free)
     inverse = np.linalg.pinv(2.0 * (lines.conj().T @ lines).real + fit.covariance[at], hermitian=True)
@@ -77,7 +76,7 @@ def _chance(fit: ForwardFit) -> float:
     return float(f_distribution.sf(beta @ inverse @ beta / free.size, free.size, independent))
 
 
-def _moved(g: Dynamics, mode: int, T: float, static: Vector, y: Vector) -> tuple[Matrix, Matrix, Vector]:
+def _columns(g: Dynamics, mode: int, T: float, static: Vector, y: Vector) -> tuple[Matrix, Matrix, Vector]:
     """The columns (N, 3), the m_i (N, 3) and s (N,)."""
     f, D = list(g.frequencies_Hz), g.pole_pairs(T)[mode][0]
     period = max(1, round(1.0 / f[mode] / T))

@@ -1,7 +1,7 @@
 """The report of an identification, in numbers and in sentences.
 
-Errors are those of the output over the counted samples, as a share of the output's full range. A headline comes first,
-then the findings in a written order. What each finding says of itself is beside it, where it is found.
+Errors are those of the output over the counted samples, relative to the output's full range. A headline comes first,
+then the findings in order of importance. The sentences of creep, dynamics and lag are written in their own modules.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -10,9 +10,9 @@ from typing import Any
 
 from piezo_model.identification.adequacy import Adequacy
 from piezo_model.identification.creep import CreepEvidence, Drift
-from piezo_model.identification.drive import Drive
+from piezo_model.identification.drive import Identifiability
 from piezo_model.identification.dynamics import DynamicsFinding, Lag
-from piezo_model.identification.error_model import Certificate, Solving
+from piezo_model.identification.error_model import Certificate, ProgramSolver
 from piezo_model.identification.fit_errors import Fit
 from piezo_model.identification.selection import Selection
 from piezo_model.identification_problem import ExcitationReport
@@ -20,9 +20,9 @@ from piezo_model.structure import ModelStructure
 from piezo_model.units import percent, quantity, shown
 
 STARTS = {
-    "after an ascent": "The first sample lies on a branch after a long ascent.",
-    "after a descent": "The first sample lies on a branch after a long descent.",
-    "searched": "The states before the first sample were searched, and fit the data best.",
+    "after an ascent": "Before the first sample the drive had made a long ascent.",
+    "after a descent": "Before the first sample the drive had made a long descent.",
+    "searched": "The states before the first sample were fitted to the data.",
 }
 FIGURES = {
     "gain": "Gain",
@@ -31,9 +31,9 @@ FIGURES = {
     "offset": "offset",
 }
 MOST = 7
-"""Most findings, after which further ones are said on the page."""
+"""Most findings that are printed; the page shows all."""
 NO_LOOP, FAR_MORE = 0.2, 3.0
-"""Largest width of a loop, per cent of the output's range, that is none, and smallest ratio of the largest errors of
+"""Width of a loop below which there is no hysteresis, % of the output's range; smallest ratio of the largest errors of
 skipped and counted samples that indicates a transient."""
 
 
@@ -41,13 +41,13 @@ skipped and counted samples that indicates a transient."""
 class FitReport:
     """The ``report`` that is stored with an identified model.
 
-    ``start`` says how the states before the first sample were found, and ``parts`` has the first sample, the start and
-    the states of each later part; ``creep_chosen`` is whether creep was left out or taken in by what is ``determined``,
-    and not by given rates; the ``drift`` is no part of the model; ``members`` are several recordings of one model.
+    ``start`` says how the states before the first sample were found; ``parts`` has the first sample, the start and the
+    states of each later part; ``creep_chosen`` is True if the ``evidence``, not the user, decided on creep; the
+    ``drift`` is not in the model; ``members`` are the recordings of a joint model.
     """
 
     estimator: str
-    solving: Solving
+    qp_solver: ProgramSolver
     fit: Fit
     adequacy: Adequacy
     excitation: ExcitationReport
@@ -56,9 +56,9 @@ class FitReport:
     dynamics: DynamicsFinding | None
     start: str
     parts: Sequence[Mapping[str, Any]]
-    drive: Drive
+    drive: Identifiability
     members: Sequence[Mapping[str, Any]]
-    determined: CreepEvidence
+    evidence: CreepEvidence
     creep_chosen: bool
     drift: Drift | None
     selection: Selection | None
@@ -69,17 +69,17 @@ class FitReport:
     def to_dict(self, s: ModelStructure) -> dict[str, Any]:
         """Numbers and sentences for JSON."""
         findings, headline = [*self._findings(s)], self.fit.headline(s.output_unit)
-        apart = ("solving", "adequacy", "determined", "creep_chosen", "selection")
-        own = {name: asdict(v) if is_dataclass(v) else v for name, v in vars(self).items() if name not in apart}  # type: ignore[arg-type]
+        merged = ("qp_solver", "adequacy", "evidence", "creep_chosen", "selection")
+        own = {name: asdict(v) if is_dataclass(v) else v for name, v in vars(self).items() if name not in merged}  # type: ignore[arg-type]
         return {
             **own,
-            **asdict(self.solving),
+            **asdict(self.qp_solver),
             **asdict(self.adequacy),
             "hysteresis": self.hysteresis,
             **({} if self.selection is None else {"selection": self.selection.to_dict()}),
             "headline": headline,
             "drive": {**own["drive"], "sentence": self._drive_sentence},
-            "creep": self.determined.to_dict(s.creep_rates, self.creep_chosen),
+            "creep": self.evidence.to_dict(s.creep_rates, self.creep_chosen),
             "findings": findings[:MOST],
             "advice": list(self._advice()),
             "sentences": [*filter(None, (headline, self.units)), *findings, *self._facts(s)],
@@ -87,7 +87,7 @@ class FitReport:
 
     @property
     def hysteresis(self) -> bool:
-        """Whether the data admit a loop, by the upper end of its interval."""
+        """True if the data admit a loop, by the upper end of the interval of its width."""
         known = (
             {name: [value] for name, value in self.figures.items()}
             if self.intervals is None
@@ -98,27 +98,27 @@ class FitReport:
     @property
     def _drive_sentence(self) -> str:
         own = self.drive.sentence(
-            self.drive.creep and self.determined.is_clear, bool(self.dynamics and self.dynamics.kept)
+            self.drive.creep and self.evidence.is_clear, bool(self.dynamics and self.dynamics.kept)
         )
         return " ".join(member["sentence"] for member in self.members) or own
 
     def _findings(self, s: ModelStructure) -> Iterator[str]:
         """The important sentences, the most important first."""
         fit, verdict = self.fit, self.adequacy
-        creep = self.determined.sentence(s.creep_rates, self.creep_chosen)
+        creep = self.evidence.sentence(s.creep_rates, self.creep_chosen)
         cause = " as a switch-on transient" * (fit.skipped_max_percent > FAR_MORE * fit.max_percent)
         for applies, sentence in (
             (verdict.refusal, f"The model was forced although {verdict.refusal}."),
             *((True, fault) for fault in verdict.faults),
             (
                 s.negative_gain,
-                "The output falls as the input rises; model, inverse and compensator have that sign.",
+                "The output falls as the input rises; model, inverse and compensator have this sign.",
             ),
             (
                 not self.hysteresis,
-                "No hysteresis: the data lie on a single curve, which a line describes to "
-                f"{percent(fit.line_percent)}, a cubic to {percent(fit.cubic_percent)} and this model to "
-                f"{percent(fit.rms_percent)}.",
+                "No hysteresis: the data lie on a single curve, with an RMS error of "
+                f"{percent(fit.line_percent)} for a line, {percent(fit.cubic_percent)} for a cubic and "
+                f"{percent(fit.rms_percent)} for this model.",
             ),
             (
                 fit.samples < fit.skipped,
@@ -126,29 +126,29 @@ class FitReport:
             ),
             (
                 verdict.monotonic_drive,
-                "The counted part is almost a single branch: the drive hardly reverses, so hysteresis can "
-                "barely be separated from curvature.",
+                "The counted samples are almost a single branch: the drive hardly reverses, so hysteresis can "
+                "barely be distinguished from curvature.",
             ),
             (creep, creep),
             (
                 self.drive.levels,
-                f"The drive has {self.drive.levels} levels and hardly anything between them, where the model is a "
+                f"The drive has {self.drive.levels} levels and hardly any samples between them, where the model is a "
                 "guess; record steps between many levels.",
             ),
             (
                 fit.skipped,
                 f"The first {fit.skipped} samples ({quantity(fit.skipped * s.sample_time, 's', 3)}) are excluded"
-                f"{cause}; the error there reaches {percent(fit.skipped_max_percent)}.",
+                f"{cause}, with errors of up to {percent(fit.skipped_max_percent)}.",
             ),
         ):
             if applies:
                 yield sentence
         if self.drift is not None:
-            clear = self.determined.is_clear
-            who, why = ("sensor", "") if clear else ("output", ", as by creep or a drift of the sensor")
+            clear = self.evidence.is_clear
+            drifting, cause = ("sensor", "") if clear else ("output", ", owing to creep or to the sensor")
             yield (
-                f"The {who} drifts by {self.drift.per_s:.2g} {shown(s.output_unit)}/s{why}; this is no part of the "
-                f"model, and without it the RMS error is {percent(self.drift.rms_percent)} of the range."
+                f"The {drifting} drifts by {self.drift.per_s:.2g} {shown(s.output_unit)}/s{cause}. The model does not "
+                f"include the drift; without it the RMS error is {percent(self.drift.rms_percent)} of the range."
             )
         if self.dynamics is not None and (self.dynamics.kept or self.drive.highest_Hz):
             yield from self.dynamics.sentences()
@@ -156,7 +156,7 @@ class FitReport:
             yield self.lag.sentence(s.sample_time)
 
     def _facts(self, s: ModelStructure) -> Iterator[str]:
-        """Further sentences of the page."""
+        """Further sentences, for the page."""
         rates, unreached = ", ".join(f"{rate:g}" for rate in s.creep_rates), ", ".join(self.excitation.unreached)
         slight_lag = self.lag is not None and not self.lag.is_significant
         for applies, sentence in (
@@ -165,30 +165,30 @@ class FitReport:
             (slight_lag, self.lag and self.lag.sentence(s.sample_time)),
             (
                 self.figures["creep_percent_per_decade"] and self.creep_chosen,
-                f"Creep is in the data beside any hysteresis, at the rates that they determine: {rates} per second.",
+                f"The data show creep, distinguishable from hysteresis, at rates of {rates} per second.",
             ),
             (True, self._figures(s)),
             (
                 unreached,
-                f"The drive never reached the thresholds of {unreached}; these weights stay at their reference.",
+                f"The drive never reached the thresholds of {unreached}; these weights keep their reference values.",
             ),
         ):
             if applies:
                 yield str(sentence)
-        steps = ", from which Gauss–Newton steps minimise the error of the output" * (self.estimator == "forward")
+        steps = ", followed by Gauss–Newton steps that minimise the output error" * (self.estimator == "forward")
         yield (
-            f"Program (6) solved by {self.solving.solver}{steps}; relative cost gap to its proven optimum "
-            f"{self.certificate.cost_gap:.1e}, condition of P {self.excitation.condition:.1e}."
+            f"Program (6) was solved by {self.qp_solver.solver}{steps}; relative cost gap to its proven optimum "
+            f"{self.certificate.cost_gap:.1e}, condition number of P {self.excitation.condition:.1e}."
         )
-        yield f"{self.solving.passes} passes over the samples and {self.solving.programs} quadratic programs."
+        yield f"{self.qp_solver.passes} passes over the samples and {self.qp_solver.programs} quadratic programs."
         if self.selection is not None:
             yield self.selection.sentence
 
     def _figures(self, s: ModelStructure) -> str:
-        """What a data sheet says, with intervals where there are some."""
+        """The data-sheet figures, with their intervals."""
         between = {} if self.intervals is None else self.intervals["figures"]
         gain = f"{s.output_unit or 'output'}/{s.input_unit or 'input'}".replace("um", "µm")
-        units = dict(zip(self.figures, (gain, "% of the loop", "% a decade", s.input_unit), strict=True))
+        units = dict(zip(self.figures, (gain, "% of the loop", "% per decade", s.input_unit), strict=True))
         figures = [
             f"{FIGURES[name]} {value:.3g}"
             + (f" ({between[name][0]:.3g} to {between[name][1]:.3g})" if name in between else "")
@@ -196,14 +196,14 @@ class FitReport:
             for name, value in self.figures.items()
             if name != "creep_percent_per_decade" or s.creep_rates
         ]
-        return f"{', '.join(figures)}{'; in brackets the 95 % intervals for these orders' * bool(between)}."
+        return f"{', '.join(figures)}{'; 95 % intervals for these orders in brackets' * bool(between)}."
 
     def _advice(self) -> Iterator[str]:
         """Recommendations, the most useful first."""
         if self.excitation.unreached:
             yield (
-                "Drive over more of the range, or ask for lower orders: the thresholds of "
-                f"{', '.join(self.excitation.unreached)} were never reached, and what the model says there is a guess."
+                "Drive over more of the range, or choose lower orders: the thresholds of "
+                f"{', '.join(self.excitation.unreached)} were never reached, and the model is a guess there."
             )
         if self.adequacy.monotonic_drive or self.fit.samples < self.fit.skipped:
-            yield "Record a few whole loops more."
+            yield "Record a few more complete loops."

@@ -1,11 +1,11 @@
 """A scan for a mode in the averaged cross-spectra of a recording, in closed form for each frequency and damping.
 
-With the spectra of the drive and of a few of its plays, X_i, the output is explained by
+With the spectra X_i of the drive and of a few of its plays, the model of the output is
 
     Y = Σ_i (c_i + Σ_modes g (a_i + b_i z⁻¹)) X_i,    g = D(1) / D(z),
 
-which is linear in a, b and c: two taps hold any delay within a sample. The squares are divided by the residual of the
-static part, smoothed by its median over an octave, so that no band decides alone: a resonance is narrower than that.
+which is linear in a, b and c; two taps represent any delay up to one sample. The squares are whitened by the residual
+of the static part, smoothed by a running median over an octave, so that no band dominates; a resonance is narrower.
 
 Source: L. Ljung, System Identification, 2nd edition 1999, section 8.4, for spectral weighting; P. D. Welch, IEEE
 Transactions on Audio and Electroacoustics 15 (1967) 70–73, for the averages.
@@ -30,33 +30,32 @@ from solvers.arrays import Matrix, Vector
 PLAYS = (0.1, 0.25, 0.45, 0.7)
 """Thresholds of the plays, as shares of half the drive's range."""
 SEGMENT, SHORTEST_SEGMENT = 8192, 1024
-"""Samples of a segment, at most, and at least."""
+"""Largest and smallest number of samples of a segment."""
 FIRST_BIN, LAST = 16, 0.42
-"""Bin of the lowest frequency of the scan, and the highest frequency used as a share of the sampling rate."""
+"""Bin of the lowest frequency of the scan; highest frequency used, relative to the sampling rate."""
 RATIO, DAMPINGS = 1.012, (0.004, 0.015, 0.05, 0.3)
-"""Smallest ratio of consecutive frequencies of the scan, which grows with the width of the mode, and its damping
-ratios."""
+"""Smallest ratio of consecutive frequencies of the scan (it grows with the width of the mode); damping ratios."""
 DAMPING_ENDS, MARGIN, RIDGE, FLOOR = (1e-4, 0.9), 1.1, 1e-9, 1e-12
 SIMPLEX = np.array([[0.0, 0.0], [0.67 * np.log(RATIO), 0.0], [0.0, 0.5]])
-"""Corners of the first simplex beside the best of the scan, in logarithms of both."""
+"""Corners of the first simplex relative to the best point of the scan, in the logarithms of frequency and damping."""
 MEDIANS, BATCH, TAPS = 120, 16, 3
-"""Medians of a spectrum, modes that are tried at once, whose responses fit the cache, and taps of the residual
-compliance, for a delay of up to two samples."""
+"""Medians of a spectrum; modes tried at once, whose responses fit into the cache; taps of the residual compliance, for
+a delay of up to two samples."""
 Mode = tuple[float, float]
 """Frequency in Hz and damping ratio."""
 
 
 @dataclass(frozen=True)
 class Peak:
-    """The mode that explains the most, and the share of the whitened squares that it saves."""
+    """The mode that explains the largest share of the whitened squares, and that share (``gain``)."""
 
     frequency_Hz: float
     damping: float
     gain: float
     inside: bool
-    """Whether it lies within the frequencies of the scan, and not at an end."""
+    """True if the frequency is not at an end of the scan."""
     share: float
-    """Of the static gain; the rest is residual compliance."""
+    """Its share of the static gain; the rest is residual compliance."""
 
 
 class Spectra:
@@ -84,14 +83,14 @@ class Spectra:
         self._set(S / _octave_median(self.f, self._left_by_static(S))[:, None, None])
 
     def _set(self, S: Matrix) -> None:
-        """Set the spectra: the squares of the output, the spectra of the inputs with it, and with each other, real over
-        imaginary part."""
+        """Set the squares of the output, the cross-spectra of inputs and output, and those of the inputs, with the real
+        parts above the imaginary parts."""
         inputs = S[:, :-1, :-1].reshape(self.f.size, -1)
         self.squares, self.cross = float(np.sum(S[:, -1, -1].real)), np.ascontiguousarray(S[:, :-1, -1])
         self._S = np.vstack([inputs.real, -inputs.imag])
 
     def _left_by_static(self, S: Matrix) -> Vector:
-        """Squares that the static part with two taps leaves at each frequency."""
+        """Residual squares of the static part with two taps, at each frequency."""
         static = Equations(self).beside(np.ones(self.f.size), 2)
         left = np.vstack([-(static.coefficients().T @ self.powers(2)), np.ones(self.f.size)])
         return np.asarray(np.maximum(np.einsum("if,fij,jf->f", left.conj(), S, left).real, 0.0))
@@ -103,13 +102,13 @@ class Spectra:
     def products(self, g: Matrix, m: int, h: Matrix, n: int) -> Matrix:
         """Real products (…, m p, n p) of the p inputs behind each of m taps of g (…, F) and of n taps of h (…, F)."""
         p, weights = self.cross.shape[1], (g.conj() * h)[..., None, :] * self.powers(n, 1 - m)
-        flat = weights.reshape(-1, self.f.size)  # one matrix for all systems is multiplied sooner than one each
+        flat = weights.reshape(-1, self.f.size)  # one product for all systems is faster than one for each
         sums = (np.hstack([flat.real, flat.imag]) @ self._S).reshape(*weights.shape[:-1], p, p)
         blocks = sums[..., m - 1 + np.arange(n) - np.arange(m)[:, None], :, :]
         return blocks.swapaxes(-3, -2).reshape(*h.shape[:-1], m * p, n * p)
 
     def peak(self, known: Sequence[Mode] = ()) -> Peak:
-        """The mode that explains the most beside the known ones."""
+        """The mode that explains the most in addition to the known ones."""
         residual_compliance, ends = Equations(self).beside(np.ones(self.f.size), TAPS), self.ends
         others = reduce(Equations.with_mode, known, residual_compliance)
         tried = np.array(
@@ -140,8 +139,8 @@ class Spectra:
 
 @dataclass(frozen=True)
 class Equations:
-    """Normal equations P c = q of least squares of the output by the inputs behind a few responses, each with taps; or
-    those of many systems side by side."""
+    """Normal equations P c = q of the least-squares fit of the output by the inputs, filtered by a few responses with
+    taps; or those of many such systems at once."""
 
     spectra: Spectra
     responses: tuple[tuple[Matrix, int], ...] = ()
@@ -149,7 +148,7 @@ class Equations:
     q: Matrix = field(default_factory=lambda: np.zeros(0))
 
     def beside(self, g: Matrix, taps: int) -> Equations:
-        """The same with one more response, or one of many (…, F)."""
+        """The equations with one more response, or with one of many (…, F) in each system."""
         spectra, size, systems = self.spectra, len(self.q), g.shape[:-1]
         responses = *self.responses, (g, taps)
         column = np.concatenate([spectra.products(*response, g, taps) for response in responses], axis=-2)
@@ -162,29 +161,29 @@ class Equations:
         return Equations(spectra, responses, P, q)
 
     def with_mode(self, modes: ArrayLike) -> Equations:
-        """The same with two taps of a mode of unit static gain, or of one of many (…, 2)."""
+        """The equations with two taps of a mode of unit static gain, or of one of many modes (…, 2) in each system."""
         D = np.apply_along_axis(lambda mode: poles(mode[0], mode[1], self.spectra.sample_time), -1, modes)
         return self.beside(D.sum(axis=-1, keepdims=True) / (D @ self.spectra.powers(3)), 2)
 
     def coefficients(self) -> Matrix:
-        """Those of each tap and input (…, m, p)."""
+        """Coefficients of each tap and input (…, m, p)."""
         scale = 1.0 / np.sqrt(np.diagonal(self.P, axis1=-2, axis2=-1) + 1e-300)
         scaled = self.P * scale[..., None] * scale[..., None, :] + RIDGE * np.eye(self.q.shape[-1])
         c = scale * np.linalg.solve(scaled, (self.q * scale)[..., None])[..., 0]
         return c.reshape(*c.shape[:-1], -1, self.spectra.cross.shape[1])
 
     def explained(self) -> Matrix:
-        """The squares that they explain."""
+        """The squares that the solution explains."""
         return np.sum(self.q * self.coefficients().reshape(self.q.shape), axis=-1)
 
 
 def segment_of(recording: Recording) -> int:
-    """Samples of a segment, of which the longest part has four."""
+    """Samples of a segment: at most a quarter of the longest part."""
     return min(SEGMENT, max(part.stop - part.start for part in recording.parts) // 4)
 
 
 def _octave_median(f: Vector, power: Vector) -> Vector:
-    """The power (F,), smoothed by its median over an octave."""
+    """The power (F,), smoothed by a running median over an octave."""
     low, high = np.searchsorted(f, f / np.sqrt(2.0)), np.searchsorted(f, f * np.sqrt(2.0))
     at = np.unique(np.round(np.geomspace(1, f.size, MEDIANS)).astype(int)) - 1
     medians = np.array([np.median(power[low[i] : max(high[i], low[i] + 5)]) for i in at])

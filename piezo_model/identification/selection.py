@@ -1,20 +1,20 @@
-"""Chooses the orders n and m from one Gram matrix of the columns of all candidates.
+"""Choice of the orders n and m from one Gram matrix of the columns of all candidates.
 
-Where ŷ is the output of a first fit, e = y − ŷ its error and s the slope of its S⁻¹ at ŷ, the output of a candidate is
-ŷ + (x + Ξ(x, ŷ)ᵀw) / s up to second order in their difference, so its error is
+Let ŷ be the output of a first fit, e = y − ŷ its error and s the slope of its S⁻¹ at ŷ. The output of a candidate is
+ŷ + (x + Ξ(x, ŷ)ᵀw) / s up to second order in the difference, so its error
 
     e − (x + Ξ(x, ŷ)ᵀw) / s
 
-linear in the weights, and without the noise of y among the regressors. One pass gives the Gram matrix of the columns
+is linear in the weights, without the noise of y among the regressors. One pass gives the Gram matrix of the columns
 
     x/s,  H_r [x]/s for all thresholds r,  −S_r' (ŷ)/s for all dead zones r',  z_r/s for all thresholds r,  1/s,  e,  t
 
-and the programs of all candidates follow from it without the samples. With the Bayesian information criterion
-N_e ln V + d ln N_e, of the candidates within ALIKE of the smallest that with the fewest weights is chosen. Here d
-counts the weights that no bound holds, and N_e is the number of independent samples: those in e, or in what hysteresis,
-creep and drift leave of the output (`creep`), or N V / ν, whichever are most. The variance ν is that of the noise
-alone, at the frequencies of the drive: a misfit that repeats itself with the drive has lines in the periodogram of e,
-and the median over neighbouring frequencies has not.
+from which the programs of all candidates follow without the samples. The criterion is the Bayesian information
+criterion N_e ln V + d ln N_e; of the candidates within ALIKE of its minimum, the one with the fewest weights is chosen.
+Here d counts the weights at no bound, and N_e is the number of independent samples: those in e, or in the residual of
+hysteresis, creep and drift (`creep`), or N V / ν, whichever is largest. The variance ν is that of the noise alone at
+the frequencies of the drive: a misfit that repeats with the drive has lines in the periodogram of e, which the median
+over neighbouring frequencies removes.
 
 Source: G. Schwarz, "Estimating the dimension of a model", Annals of Statistics 6 (1978) 461–464.
 """
@@ -29,7 +29,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from piezo_model.identification.creep import CreepEvidence
-from piezo_model.identification.error_model import Solving, States, percent_of
+from piezo_model.identification.error_model import ProgramSolver, States, percent_of
 from piezo_model.identification.forward import MIN_SLOPE, Box, ForwardFit, piece_slopes
 from piezo_model.identification.gram_matrix import gram_of
 from piezo_model.operator_state import OperatorState
@@ -39,11 +39,11 @@ from solvers.arrays import Mask, Matrix, Vector
 
 HYSTERESIS_ORDERS, SUPERPOSITION_ORDERS = (1, 2, 3, 5, 8, 12, 20), (0, 1, 2, 3, 5, 8)
 SAMPLES, FEWEST_PER_WEIGHT, NEIGHBOURS = 100_000, 4, 31
-"""Samples, spread over a longer recording, of the Gram matrix; fewest for each weight of a candidate; frequencies of a
-periodogram over which a median is taken."""
+"""Most samples of the Gram matrix, spread over the recording; fewest samples for each weight of a candidate;
+frequencies of a periodogram over which the median is taken."""
 ALIKE, EXACT = 2.0, 1e-12
-"""Largest difference of criteria that says nothing, and cost from a Gram matrix, in normalised units squared, at the
-level of rounding, which no count of samples resolves."""
+"""Largest difference of criteria that is insignificant; cost at the level of rounding in a Gram matrix, in normalised
+units squared, which no number of samples resolves."""
 
 Progress = Callable[[str, int, int], None]
 
@@ -73,7 +73,7 @@ class Selection:
 
     @property
     def chosen(self) -> Candidate:
-        """The candidate with the fewest weights among those whose criteria are like the smallest one."""
+        """The candidate with the fewest weights among those whose criterion is within ALIKE of the smallest."""
         alike = (c for c in self.candidates if c.bic <= self.candidates[0].bic + ALIKE)
         return min(alike, key=lambda c: (c.structure.d, c.structure.n))
 
@@ -82,15 +82,15 @@ class Selection:
         """The choice in words."""
         best = min(self.candidates, key=lambda candidate: candidate.error_percent)
         error, smallest = (f"{candidate.error_percent:.3g} %" for candidate in (self.chosen, best))
-        beside = "" if smallest == error else f"; the smallest error is the {smallest} of {best}"
+        beside = "" if smallest == error else f"; the smallest error is {smallest}, with {best}"
         return (
             f"Of {len(self.candidates)} structures, {self.chosen} has the fewest weights of those within "
-            f"{ALIKE:g} of the smallest information criterion, with an RMS error of the output of about {error} "
-            f"of its range{beside}."
+            f"{ALIKE:g} of the smallest information criterion, with an RMS error of about {error} of the output's "
+            f"range{beside}."
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """The sentence, and the table with the standing of each row, for JSON."""
+        """The sentence and the table, for JSON."""
         rows = [
             {
                 "n": c.structure.n,
@@ -107,7 +107,7 @@ class Selection:
 
 
 def with_orders(s: ModelStructure, n: int, m: int, rates: Sequence[float]) -> ModelStructure:
-    """The structure with other orders, equidistant thresholds, and other creep rates."""
+    """The structure with other orders and creep rates, and equidistant thresholds."""
     other = ModelStructure.equidistant(n, m, (-1.0, 1.0), (-1.0, 1.0), (), s.sample_time)
     thresholds = other.play_thresholds, other.dead_zone_thresholds
     return replace(s, play_thresholds=thresholds[0], dead_zone_thresholds=thresholds[1], creep_rates=tuple(rates))
@@ -123,7 +123,7 @@ def union_of(structures: Sequence[ModelStructure]) -> ModelStructure:
 
 
 def state_on(s: ModelStructure, state: OperatorState, other: ModelStructure) -> OperatorState:
-    """Memory curve of a structure read at the thresholds of another one; creep rests with the plays."""
+    """The memory curve of a structure, interpolated at the thresholds of another; creep rests with the plays."""
     play = np.interp(other.thresholds, s.thresholds, state.play[: s.n + 1])
     play = np.clip(play, state.play[0] - other.thresholds, state.play[0] + other.thresholds)
     return OperatorState.from_dict({"play": play, "creep": [play] * len(other.creep_rates)}, other)
@@ -135,16 +135,16 @@ def select(
     fit: ForwardFit,
     determined: CreepEvidence,
     rates: Sequence[Sequence[float]],
-    solving: Solving,
+    qp_solver: ProgramSolver,
     span: float,
     levels: Matrix,
     ns: Sequence[int] = HYSTERESIS_ORDERS,
     ms: Sequence[int] = SUPERPOSITION_ORDERS,
 ) -> Selection:
-    """Choose the orders among ``ns`` and ``ms``, and one of some sets of creep rates, in the neighbourhood of a fit;
-    ``span`` is the output's full range, and ``levels`` (N, k) have weights of their own.
+    """Choose the orders among ``ns`` and ``ms``, and one of several sets of creep rates, in the neighbourhood of a fit.
+    ``span`` is the output's full range; ``levels`` (N, k) are columns with weights of their own.
 
-    Candidates with too few samples for their weights are left out, except the first.
+    Candidates with too many weights for the samples are omitted, except the first.
     """
     most = np.count_nonzero(counted) / FEWEST_PER_WEIGHT
     independent = max(fit.independent, determined.independent, _beyond_noise(recording, counted, fit.error))
@@ -153,20 +153,25 @@ def select(
         orders = [with_orders(fit.structure, n, m, own) for n, m in product(ns, ms)]
         orders = [s for s in orders if s.d < most] or orders[:1]
         union = union_of(orders)
-        gram = _gram(recording, counted, fit, union, levels, solving)
-        candidates += [_candidate(s, fit, union, *gram, determined, independent, solving, span) for s in orders]
+        gram = _gram(recording, counted, fit, union, levels, qp_solver)
+        candidates += [_candidate(s, fit, union, *gram, determined, independent, qp_solver, span) for s in orders]
     return Selection(tuple(sorted(candidates, key=lambda candidate: candidate.bic)))
 
 
 def _gram(
-    recording: Recording, counted: Mask, fit: ForwardFit, union: ModelStructure, levels: Matrix, solving: Solving
+    recording: Recording,
+    counted: Mask,
+    fit: ForwardFit,
+    union: ModelStructure,
+    levels: Matrix,
+    qp_solver: ProgramSolver,
 ) -> tuple[Matrix, Mask]:
     """Means of the products of x/s, Ξ/s, e, levels and t, and which of the columns Ξ moved."""
     s = fit.structure
     chosen = np.zeros(recording.length, dtype=bool)
     chosen[np.flatnonzero(counted)[:: math.ceil(np.count_nonzero(counted) / SAMPLES)]] = True
     slopes, states = piece_slopes(s, fit.v, fit.static), [state_on(s, state, union) for state in fit.states]
-    solving.passes += 1
+    qp_solver.passes += 1
 
     def columns(_: int, samples: slice, rows: Matrix) -> Matrix:
         return rows / slopes[samples, None]
@@ -176,7 +181,7 @@ def _gram(
 
 
 def _beyond_noise(recording: Recording, counted: Mask, error: Vector) -> float:
-    """Number of samples in whose noise the error (N,) would be as large, of each of several recordings."""
+    """Number of samples N V / ν of the error (N,), summed over the recordings."""
     owners, samples = recording.spread(recording.owners), 0.0
     for owner in set(recording.owners):
         own = counted & (owners == owner)
@@ -186,14 +191,14 @@ def _beyond_noise(recording: Recording, counted: Mask, error: Vector) -> float:
 
 
 def noise_floor(recording: Recording, counted: Mask, error: Vector) -> float:
-    """Variance of the noise in an error (N,), from its periodogram at the frequencies of the drive without its lines.
+    """Variance of the noise in an error (N,), from its periodogram at the frequencies of the drive without lines.
 
     Examples
     --------
     >>> t, white = np.arange(4000), np.random.default_rng(0).normal(size=4000)
-    >>> made = Recording.from_arrays(np.sin(t / 50), white, 1e-3)
+    >>> recording = Recording.from_arrays(np.sin(t / 50), white, 1e-3)
     >>> error = white + 5 * np.sin(t / 50)
-    >>> bool(error.var() > 13.0), bool(0.4 < noise_floor(made, t >= 0, error) < 4.0)
+    >>> bool(error.var() > 13.0), bool(0.4 < noise_floor(recording, t >= 0, error) < 4.0)
     (True, True)
     """
     noise, power = 0.0, 0.0
@@ -203,8 +208,8 @@ def noise_floor(recording: Recording, counted: Mask, error: Vector) -> float:
             continue
         pair = error[part][inside], recording.x[part][inside]
         window = np.hanning(pair[0].size)
-        E, X = (np.abs(np.fft.rfft((each - each.mean()) * window)[1:]) ** 2 for each in pair)
-        floor = median_filter(E, NEIGHBOURS, mode="nearest") / math.log(2.0)  # the mean of noise, from its median
+        E, X = (np.abs(np.fft.rfft((signal - signal.mean()) * window)[1:]) ** 2 for signal in pair)
+        floor = median_filter(E, NEIGHBOURS, mode="nearest") / math.log(2.0)  # mean of an exponential from its median
         noise, power = noise + float(floor @ X) / float(window @ window), power + float(X.sum())
     return noise / power if power else math.inf
 
@@ -217,10 +222,10 @@ def _candidate(
     moved: Mask,
     determined: CreepEvidence,
     independent: float,
-    solving: Solving,
+    qp_solver: ProgramSolver,
     span: float,
 ) -> Candidate:
-    """The fit of one structure from the Gram matrix; a drift is fitted beside it."""
+    """The fit of one structure, and of a drift if there is one, from the Gram matrix."""
     names = {name: i for i, name in enumerate(_labels(union))}
     of = np.array([names[label] for label in _labels(s)])
     x, e, k, drift = 0, union.d + 1, len(gram) - union.d - 2, determined.drift
@@ -229,26 +234,26 @@ def _candidate(
     columns = np.append(1 + of, e + 1 + np.arange(k))
     P, q = T.T @ gram[np.ix_(columns, columns)] @ T, T.T @ (gram[columns, x] - gram[columns, e])
     c = gram[e, e] - 2.0 * gram[e, x] + gram[x, x]
-    low, high = np.full(s.d + k, -np.inf), np.full(s.d + k, np.inf)
-    low[: s.d] = s.lower_bounds(MIN_SLOPE)
-    low[-1], high[-1] = (0.0, 0.0) if drift is None else drift.limits
+    lb, ub = np.full(s.d + k, -np.inf), np.full(s.d + k, np.inf)
+    lb[: s.d] = s.lower_bounds(MIN_SLOPE)
+    lb[-1], ub[-1] = (0.0, 0.0) if drift is None else drift.limits
     if (limits := determined.creep_limits(s, fit)) is not None:
-        high[s.slices[2]] = limits
+        ub[s.slices[2]] = limits
     reference = np.append(s.inverse_slope_map @ s.straight_line, np.zeros(k))
     free = np.r_[moved[of], np.full(k - 1, True), drift is not None]
     free &= np.diag(P) > 0.0
     z = np.where(free, 0.0, reference)
     at = np.ix_(free, free)
-    z[free] = solving.minimise(P[at], q[free] + (P @ z)[free], low[free], high[free], reference[free])
+    z[free] = qp_solver.minimise(P[at], q[free] + (P @ z)[free], lb[free], ub[free], reference[free])
     cost = max(float(z @ P @ z + 2.0 * q @ z + c), 0.0) + EXACT
-    unknowns = np.count_nonzero(Box(low, high).leaves(z)[: s.d])
+    unknowns = np.count_nonzero(Box(lb, ub).inactive(z)[: s.d])
     bic = independent * math.log(cost) + unknowns * math.log(independent)
     states = [state_on(fit.structure, state, s) for state in fit.states]
     return Candidate(s, states, z[: s.d], percent_of(span, abs(s.y_scale) * math.sqrt(cost)), bic)
 
 
 def _labels(s: ModelStructure) -> list[tuple[str, float]]:
-    """What each unknown is, to find it among those of another structure."""
+    """Labels of the unknowns, to find them among those of another structure."""
     creeps = [("w_K", r) for r in s.thresholds.tolist()] if s.creep_rates else []
     zones = [("w'_S", r) for r in s.dead_zone_thresholds]
     return [*(("w_H", r) for r in s.play_thresholds), *zones, *creeps, *[("offset", 0.0)] * s.offset]

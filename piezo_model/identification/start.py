@@ -1,11 +1,11 @@
 """The sign of the output, a switch-on transient, and the states before the first sample, which no recording contains.
 
-The initial states of a part are a memory curve. The state of a play is visible until the drive has
-erased it, so nearly every sample contributes. Four curves are compared by the error of the output of their forward fits
-(`forward`): at rest, dz/dr = 0; after a long ascent, −1; after a long descent, 1; and searched, with the slopes as
-further unknowns of the best of these. Rest is left only for a clear gain, since one more unknown always fits a little
-better. Creep rests with the plays. Samples of a transient are skipped: first samples that no start explains, whose
-error is far larger than all later ones.
+The initial states of a part are a memory curve. The state of a play is visible until the drive erases it, so nearly
+every sample contributes. Four curves are compared by the output errors of their forward fits (`forward`): at rest,
+dz/dr = 0; after a long ascent, −1; after a long descent, 1; and searched, with the slopes as further unknowns, starting
+from the best of these. Another curve replaces rest only for a significant gain, since more unknowns always fit a
+little better. Creep rests with the plays. The samples of a transient are skipped: first samples that no start explains,
+with errors far larger than all later ones.
 """
 
 import math
@@ -17,7 +17,7 @@ import numpy as np
 from piezo_model.identification.dynamics_parameters import Parameters
 from piezo_model.identification.error_model import (
     IdentificationError,
-    Solving,
+    ProgramSolver,
     States,
     accumulate,
     counted_from,
@@ -33,18 +33,18 @@ CURVES = {"at rest": 0.0, "after an ascent": -1.0, "after a descent": 1.0}
 """Slopes dz/dr of the initial play states."""
 SEARCHED = "searched"
 CURVE_UNKNOWNS = 3
-"""Unknowns that one of three curves is worth."""
+"""Number of unknowns to which the choice among three curves is equivalent."""
 HEAD = 200_000
-"""Samples after the drive has erased the initial states that decide about the start."""
+"""Samples, after the drive has erased the initial states, that decide on the start."""
 NARROWER, FLAT, MOVED = 0.005, 0.1, 0.01
-"""Smallest narrowing of the output's range that is followed, smallest range left, and largest range of a drive that
-rests, as shares of the whole ranges."""
+"""Smallest narrowing of the output's range that is applied; smallest range that remains; largest movement of a drive at
+rest; all relative to the whole ranges."""
 USUAL = 5, 3
 """Orders n and m of a first fit."""
 TRANSIENT_SHARE, FAR_MORE, NOTABLE, LARGER, SPOILED = 0.1, 4.0, 0.03, 1.5, 3.0
-"""Of a transient: longest one, as a share of the recording; smallest ratio of its error to the largest later one, and
-its smallest error as a share of the range; smallest such ratio at its end; smallest ratio of the later errors of fits
-with and without the first samples that shows these to be one."""
+"""Of a transient: greatest length relative to the recording; smallest ratio of its error to the largest later error;
+smallest error relative to the range; smallest ratio of errors at its end; and smallest ratio of the later errors of
+fits with and without the first samples that identifies these as a transient."""
 
 
 def structure_of(recording: Recording, n: int, m: int, creep_rates: Sequence[float] = ()) -> ModelStructure:
@@ -64,25 +64,25 @@ def structure_of(recording: Recording, n: int, m: int, creep_rates: Sequence[flo
 
 @dataclass(frozen=True)
 class InitialFit:
-    """What precedes the choice of a model."""
+    """The first fit, from which the orders are chosen."""
 
     structure: ModelStructure
-    """With the sign of the output, and the range of the modelled one."""
+    """With the sign of the output, and the range of the modelled output."""
     skip: int
     starts: Sequence[str]
-    """For each part a key of CURVES, "searched" or "given"."""
+    """A key of CURVES, "searched" or "given" for each part."""
     fit: ForwardFit
 
     @property
     def searched(self) -> list[bool]:
-        """Whether the states of each part are unknowns."""
+        """Whether the states of each part are unknowns of the fits."""
         return [start == SEARCHED for start in self.starts]
 
 
 def prepare(
     recording: Recording,
     s: ModelStructure,
-    solving: Solving,
+    qp_solver: ProgramSolver,
     skip: int | None = None,
     state: OperatorState | None = None,
     *,
@@ -90,80 +90,82 @@ def prepare(
 ) -> InitialFit:
     """Find the sign of the output, the samples to skip, and the states before the first sample of each part.
 
-    By default the samples of a transient are skipped; with ``fit_range`` the output's range in the structure becomes
-    that of the counted samples. IdentificationError if too few samples are left.
+    By default the samples of a transient are skipped. With ``fit_range`` the output range of the structure becomes that
+    of the counted samples. IdentificationError if too few samples are left.
     """
     if state is not None:
-        require(recording, counted_from(recording, skip or 0), s, skip or 0)
-        return _fitted(recording, s, skip or 0, solving, state)
-    s = _signed(recording, _ranged(recording, s, skip or 0, fit_range), skip or 0, solving)
+        refuse_too_little_data(recording, counted_from(recording, skip or 0), s, skip or 0)
+        return _fit_from_best_starts(recording, s, skip or 0, qp_solver, state)
+    s = _with_sign(recording, _with_output_range(recording, s, skip or 0, fit_range), skip or 0, qp_solver)
     single = len(recording.starts) == 1
     head = initial_segment(recording, s, GRAM_SAMPLES) if single else recording
-    found = _fitted(head, s, skip or 0, solving)
+    found = _fit_from_best_starts(head, s, skip or 0, qp_solver)
     longest = longest_transient(head) if skip is None else 0
     if longest:
-        settled = _ranged(recording, s, longest, fit_range)
-        later = _fitted(head, settled, longest, solving)
+        settled = _with_output_range(recording, s, longest, fit_range)
+        later = _fit_from_best_starts(head, settled, longest, qp_solver)
         spoiled = abs(s.y_scale / settled.y_scale) * found.fit.error
         if skip := transient(0.5 * spoiled, 0.5 * later.fit.error, longest):
-            found = _fitted(head, _ranged(recording, s, skip, fit_range), skip, solving)
+            found = _fit_from_best_starts(head, _with_output_range(recording, s, skip, fit_range), skip, qp_solver)
     if head.length < recording.length:
         counted = counted_from(recording, found.skip)
-        found = replace(found, fit=_started(recording, counted, found.structure, found.fit.states, solving))
-    return _narrowed(recording, found, solving) if fit_range else found
+        found = replace(found, fit=_fit_from_program(recording, counted, found.structure, found.fit.states, qp_solver))
+    return _with_modelled_range(recording, found, qp_solver) if fit_range else found
 
 
-def _started(recording: Recording, counted: Mask, s: ModelStructure, states: States, solving: Solving) -> ForwardFit:
-    """The forward fit that begins with the weights of (6)."""
-    v = s.inverse_slope_map @ solving.optimum(accumulate(recording, counted, s, states, solving))
-    return fit_forward(recording, counted, s, states, v, solving)
+def _fit_from_program(
+    recording: Recording, counted: Mask, s: ModelStructure, states: States, qp_solver: ProgramSolver
+) -> ForwardFit:
+    """The forward fit from the weights of (6)."""
+    v = s.inverse_slope_map @ qp_solver.optimum(accumulate(recording, counted, s, states, qp_solver))
+    return fit_forward(recording, counted, s, states, v, qp_solver)
 
 
-def _signed(recording: Recording, s: ModelStructure, skip: int, solving: Solving) -> ModelStructure:
+def _with_sign(recording: Recording, s: ModelStructure, skip: int, qp_solver: ProgramSolver) -> ModelStructure:
     """The structure with the sign of the output that has the smaller cost (6)."""
 
     def cost(signed: ModelStructure) -> float:
         rest = [state_with_slopes(recording.x[part], signed, 0.0) for part in recording.parts]
-        problem = accumulate(recording, counted_from(recording, skip), signed, rest, solving)
-        return problem.cost(solving.optimum(problem))
+        problem = accumulate(recording, counted_from(recording, skip), signed, rest, qp_solver)
+        return problem.cost(qp_solver.optimum(problem))
 
     return min((s, s.reversed_output()), key=cost)
 
 
-def _ranged(recording: Recording, s: ModelStructure, skip: int, fit_range: bool) -> ModelStructure:
-    """The structure with the range of the counted outputs."""
-    require(recording, counted_from(recording, skip), s, skip)
+def _with_output_range(recording: Recording, s: ModelStructure, skip: int, fit_range: bool) -> ModelStructure:
+    """The structure with the range of the counted outputs, if that is to be fitted."""
+    refuse_too_little_data(recording, counted_from(recording, skip), s, skip)
     if not fit_range:
         return s
     low, high = y_range(recording, skip)
     return replace(s, y_centre=0.5 * (low + high), y_scale=math.copysign(0.5 * (high - low), s.y_scale))
 
 
-def _narrowed(recording: Recording, found: InitialFit, solving: Solving) -> InitialFit:
-    """The same in the range of the modelled output: noise and ringing widen that of the measured one, so that the
-    outermost pieces of S⁻¹ would hardly be visited."""
+def _with_modelled_range(recording: Recording, found: InitialFit, qp_solver: ProgramSolver) -> InitialFit:
+    """The fit with the range of the modelled output. Noise and ringing widen the range of the measured output, so that
+    the outermost pieces of S⁻¹ would hardly be visited."""
     fit, s, counted = found.fit, found.structure, counted_from(recording, found.skip)
     low, high = float(fit.y_model[counted].min()), float(fit.y_model[counted].max())
     if high - low < 2.0 * FLAT or max(1.0 - high, low + 1.0) < NARROWER:
         return found
     s = replace(s, y_centre=s.y_centre + 0.5 * (low + high) * s.y_scale, y_scale=0.5 * (high - low) * s.y_scale)
     modelled = replace(recording, y=found.structure.y_centre + found.structure.y_scale * fit.y_model)
-    v = s.inverse_slope_map @ solving.optimum(accumulate(modelled, counted, s, fit.states, solving))
-    return replace(found, structure=s, fit=fit_forward(recording, counted, s, fit.states, v, solving))
+    v = s.inverse_slope_map @ qp_solver.optimum(accumulate(modelled, counted, s, fit.states, qp_solver))
+    return replace(found, structure=s, fit=fit_forward(recording, counted, s, fit.states, v, qp_solver))
 
 
-def _fitted(
-    recording: Recording, s: ModelStructure, skip: int, solving: Solving, state: OperatorState | None = None
+def _fit_from_best_starts(
+    recording: Recording, s: ModelStructure, skip: int, qp_solver: ProgramSolver, state: OperatorState | None = None
 ) -> InitialFit:
-    """The forward fit from the best start of every part, or from given states of the first."""
+    """The forward fit from the best start of every part, or from known states of the first part."""
     counted, parts = counted_from(recording, skip), recording.parts
 
     def fit(slope: float) -> ForwardFit:
         first, *later = (state_with_slopes(recording.x[part], s, slope) for part in parts)
-        return _started(recording, counted, s, [state or first, *later], solving)
+        return _fit_from_program(recording, counted, s, [state or first, *later], qp_solver)
 
     def search(best: ForwardFit) -> ForwardFit:
-        return fit_forward(recording, counted, s, best.states, best.v, solving, searched=[True])
+        return fit_forward(recording, counted, s, best.states, best.v, qp_solver, searched=[True])
 
     if len(parts) == 1:
         start, best = ("given", fit(0.0)) if state is not None else best_start(s.n, fit, search)
@@ -172,12 +174,12 @@ def _fitted(
     starts, states = [start] * len(parts), list(best.states)
     for i, part in enumerate(parts):
         if counted[part].any():
-            starts[i], own = start_of(recording.part(part), counted[part], s, best.v, solving)
+            starts[i], own = start_of(recording.part(part), counted[part], s, best.v, qp_solver)
             states[i] = own.states[0]
     if state is not None:
         starts[0], states[0] = "given", state
     searched = [start == SEARCHED for start in starts]
-    best = fit_forward(recording, counted, s, states, best.v, solving, searched=searched)
+    best = fit_forward(recording, counted, s, states, best.v, qp_solver, searched=searched)
     return InitialFit(s, skip, starts, best)
 
 
@@ -186,11 +188,11 @@ def start_of(
     counted: Mask,
     s: ModelStructure,
     v: Vector,
-    solving: Solving,
+    qp_solver: ProgramSolver,
     further: Columns | None = None,
     parameters: Parameters | None = None,
 ) -> tuple[str, ForwardFit]:
-    """The best start of one part for known weights and dynamics, and the fit from there."""
+    """The best start of one part for known weights and dynamics, and its fit."""
 
     def fit(states: States, searched: Sequence[bool] = ()) -> ForwardFit:
         return fit_forward(
@@ -199,7 +201,7 @@ def start_of(
             s,
             states,
             v,
-            solving,
+            qp_solver,
             searched=searched,
             weights_known=True,
             further=further,
@@ -214,7 +216,7 @@ def start_of(
 def best_start(
     n: int, fit: Callable[[float], ForwardFit], search: Callable[[ForwardFit], ForwardFit] | None = None
 ) -> tuple[str, ForwardFit]:
-    """The start with the smallest error of the output, and its fit; a simpler one unless the gain is clear."""
+    """The start with the smallest output error, and its fit; a simpler one unless the gain is significant."""
     start, best = "at rest", fit(CURVES["at rest"])
     if not n:
         return start, best
@@ -228,46 +230,46 @@ def best_start(
     return start, best
 
 
-def require(recording: Recording, counted: Mask, s: ModelStructure, skip: int) -> None:
-    """Refuse a recording with too few samples, or no movement, after the skipped ones."""
-    left = int(np.count_nonzero(counted))
-    if left <= s.d:
-        counted_ones = f"{left} samples" if left == recording.length else f"only {left} of {recording.length} samples"
+def refuse_too_little_data(recording: Recording, counted: Mask, s: ModelStructure, skip: int) -> None:
+    """Refuse a recording with too few samples, or without movement, after the skipped samples."""
+    count = int(np.count_nonzero(counted))
+    if count <= s.d:
+        samples = f"{count} samples" if count == recording.length else f"only {count} of {recording.length} samples"
         raise IdentificationError(
-            f"{recording.name}: {counted_ones} are counted{f' after skipping {skip}' if skip else ''}, too few for "
+            f"{recording.name}: {samples} are counted{f' after skipping {skip}' if skip else ''}, too few for "
             f"{s.d} weights"
         )
     low, high = y_range(recording, skip)
     still = {"drive": skip and first_motion(recording, skip) == recording.length, "output": low == high}
-    for what, rests in still.items():
+    for signal, rests in still.items():
         if rests:
             after = f" after the first {skip} samples, which are skipped" if skip else ""
-            raise IdentificationError(f"{recording.name}: the {what} does not move{after}")
+            raise IdentificationError(f"{recording.name}: the {signal} does not move{after}")
 
 
 def initial_segment(recording: Recording, s: ModelStructure, size: int = HEAD) -> Recording:
-    """The samples that decide about the start: those until every play that the drive moves is independent of its
-    initial state, and some later ones."""
+    """The samples that decide on the start: those until every play that the drive moves has lost its initial state, and
+    ``size`` later ones."""
     span = recording.x_range[1] - recording.x_range[0]
     widths = (2.0 * r * s.x_scale for r in s.play_thresholds)
     return recording.head(index_after_travel(recording, max((w for w in widths if w < span), default=0.0)) + size)
 
 
 def y_range(recording: Recording, skip: int) -> tuple[float, float]:
-    """Range of the output after the first ``skip`` samples."""
+    """Range of the output without the first ``skip`` samples."""
     y = recording.y[skip:]
     return float(y.min()), float(y.max())
 
 
 def first_motion(recording: Recording, skip: int) -> int:
-    """Index of the first sample after ``skip`` at which the drive is no longer at rest; the length of the recording if
-    it stays at rest."""
+    """Index of the first sample from ``skip`` at which the drive has left its rest; the length of the recording if it
+    never does."""
     return index_after_travel(recording, MOVED * (recording.x_range[1] - recording.x_range[0]), skip)
 
 
 def index_after_travel(recording: Recording, span: float, skip: int = 0) -> int:
     """Index of the first sample at which the drive has covered a span since ``skip``; the length of the recording if it
-    never does."""
+    never does so."""
     x = recording.x[skip:]
     covered = np.flatnonzero(np.maximum.accumulate(x) - np.minimum.accumulate(x) >= span)
     return skip + int(covered[0]) if covered.size else recording.length
@@ -280,16 +282,16 @@ def longest_transient(recording: Recording) -> int:
 
 
 def transient(whole: Vector, later: Vector, longest: int) -> int:
-    """Number of first samples that the fit of the later ones does not describe; 0 if the fit of the whole describes
-    them and all others. The errors (N,) of both are shares of one range."""
+    """Number of first samples that a fit of the later ones does not describe; 0 if the fit of all samples describes
+    them. The errors (N,) of both fits are relative to the same range."""
     whole, later = np.abs(whole), np.abs(later)
     spoiled = float(np.max(whole[longest:])) > SPOILED * float(np.max(later[longest:]))
     return transient_end(later, longest) if spoiled or transient_end(whole, longest) else 0
 
 
 def transient_end(error: Vector, longest: int) -> int:
-    """Number of samples in a transient of at most ``longest``, whose error, as a share of the range, is far larger than
-    all later ones; 0 for none."""
+    """Number of samples in a transient of at most ``longest``, whose errors (relative to the range) are far larger than
+    all later ones; 0 without a transient."""
     later = float(np.max(error[longest:]))
     if np.max(error[:longest], initial=0.0) <= max(FAR_MORE * later, NOTABLE):
         return 0

@@ -1,8 +1,9 @@
-"""Validation of a model on a recording, which is evidence if its identification has not used it.
+"""Validation of a model on a recording, which is evidence if the recording was not used for its identification.
 
-The weights stay. The unknowns of the recording are estimated: the states before the first sample by the variance of the
-output's error, and a constant difference of the outputs by its mean. Creep may have been driven before the recording,
-so each rate may begin at a level of its own; otherwise the start is found as in an identification (`start`).
+The weights are fixed, and the unknowns of the recording are estimated: the states before the first sample by the
+variance of the output error, and a constant difference of the outputs by its mean. The stage may have crept before the
+recording, so each creep rate may begin at a level of its own; otherwise the start is found as in an identification
+(`start`).
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 import piezo_model
 from piezo_model.identification.adequacy import outlier
 from piezo_model.identification.dynamics_parameters import Parameters
-from piezo_model.identification.error_model import Solving, States, counted_from, one_thread, percent_of
+from piezo_model.identification.error_model import ProgramSolver, States, counted_from, one_thread, percent_of
 from piezo_model.identification.fit_errors import Fit, fit_of
 from piezo_model.identification.forward import NUDGE, Columns, ForwardFit, fit_forward, simulate
 from piezo_model.identification.initial_ringing import initial_ringing
@@ -29,11 +30,11 @@ from piezo_model.units import percent, quantity
 from solvers.arrays import Mask, Vector
 
 FARTHEST, OUTLIER_SAMPLES = 2.0, 1_000_000
-"""Largest distance of a creep state before the first sample from the play's, normalised units, and samples from the
-start in which an outlier is searched for."""
+"""Largest initial distance of a creep state from the play's state, normalised units; samples from the start that are
+searched for an outlier."""
 WITHIN, FEWEST_INSIDE = 1.01, 0.2
-"""Largest amplitude of a drive within the model's range, and the smallest share of such samples that determines a
-shift, since extrapolation has errors of its own."""
+"""Largest normalised input within the model's range, and smallest fraction of such samples that determines a shift,
+since extrapolation has errors of its own."""
 
 
 @dataclass(frozen=True)
@@ -42,19 +43,19 @@ class Validation:
 
     model: piezo_model.HysteresisCreepModel
     fit: Fit
-    """The errors as of an identification, with ``shift`` removed."""
+    """The errors as in an identification, with ``shift`` removed."""
     shift: float
-    """Constant difference of the outputs, measured minus modelled, output unit."""
+    """Constant difference of the outputs, measured minus model_output, output unit."""
     states: States
     """Estimated states before the first sample of each part."""
     beyond_percent: float
-    """Excess of the drive over the range of the identification, per cent of that range."""
+    """Excess of the drive over the range of the identification, % of that range."""
     outlier: str | None
     """A clause about a single outlier of the output; None without one."""
     units: str
-    """What the recording's units needed to be the model's, in a sentence; "" if they are the same."""
+    """A sentence about the conversion of the recording's units; "" if there was none."""
     own: bool
-    """Whether the model was fitted to exactly these samples."""
+    """True if the model was fitted to exactly these samples."""
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers and sentences for JSON."""
@@ -63,7 +64,7 @@ class Validation:
     def sentences(self) -> Iterator[str]:
         """The headline, then the other important sentences."""
         unit = self.model.structure.output_unit
-        own = "The model was fitted to this recording, so the errors say little about other recordings." * self.own
+        own = "The model was fitted to this recording, so its errors say little about others." * self.own
         yield from filter(None, (self.model.warning, self.fit.headline(unit, "on this recording"), own, self.units))
         if self.outlier:
             yield f"{self.outlier[0].upper()}{self.outlier[1:]}."
@@ -71,25 +72,24 @@ class Validation:
         for applies, sentence in (
             (
                 self.fit.skipped,
-                f"The first {self.fit.skipped} samples are excluded as a switch-on transient; the error there reaches "
+                f"The first {self.fit.skipped} samples are excluded as a switch-on transient, with errors of up to "
                 f"{percent(self.fit.skipped_max_percent)}.",
             ),
             (
                 abs(self.shift) > 0.1 * self.fit.rms,
-                f"The output is shifted by a constant {quantity(self.shift, unit, 3)} "
-                f"({percent(percent_of(self.fit.span, abs(self.shift)))} of the range) from that of the model; the "
-                "errors are without it.",
+                f"The output is shifted from that of the model by a constant {quantity(self.shift, unit, 3)} "
+                f"({percent(percent_of(self.fit.span, abs(self.shift)))} of the range); the errors are without it.",
             ),
             (
                 self.fit.rms > 2.0 * reported,
-                f"An RMS error of {quantity(self.fit.rms, unit, 2)} is "
-                f"{self.fit.rms / max(reported, 1e-11 * self.fit.span):.2g} times the {quantity(reported, unit, 2)} on "
-                "the recording that the model was identified from.",
+                f"The RMS error of {quantity(self.fit.rms, unit, 2)} is "
+                f"{self.fit.rms / max(reported, 1e-11 * self.fit.span):.2g} times that on the recording of the "
+                f"identification, {quantity(reported, unit, 2)}.",
             ),
             (
                 self.beyond_percent > 1.0,
-                f"The drive goes {percent(self.beyond_percent)} of its range beyond that of the identification, "
-                "where the model extrapolates; the constant shift is estimated within that range alone.",
+                f"The drive exceeds the range of the identification by {percent(self.beyond_percent)} of that range, "
+                "where the model extrapolates; the constant shift is estimated within the range only.",
             ),
         ):
             if applies:
@@ -104,7 +104,7 @@ def validate(model: piezo_model.HysteresisCreepModel, recording: Recording) -> V
     states, skip = start_and_transient(seen, recording)
     recording = recording.in_units(s.input_unit, s.output_unit)
     low, high = y_range(recording, skip)
-    errors, counted = recording.y - modelled(seen, recording, states, skip), counted_from(recording, skip)
+    errors, counted = recording.y - model_output(seen, recording, states, skip), counted_from(recording, skip)
     inside = errors[counted & (np.abs(s.unit_input(recording.x)) <= WITHIN)]
     shift = float(inside.mean()) if inside.size > FEWEST_INSIDE * np.count_nonzero(counted) else 0.0
     farthest = float(np.max(np.abs(s.unit_input(np.array(recording.x_range)))))
@@ -121,40 +121,40 @@ def validate(model: piezo_model.HysteresisCreepModel, recording: Recording) -> V
 
 
 def start_and_transient(model: piezo_model.HysteresisCreepModel, recording: Recording) -> tuple[States, int]:
-    """The states before the first sample of each part of a recording with which a model, and a constant added to it,
-    err least, and the number of samples in a transient; those of the identification for its own recording."""
-    s, solving = model.structure, Solving()
+    """The states before each part of a recording with which the model plus a constant has the smallest error, and the
+    number of samples in a transient; for the recording of the identification, the states and samples found there."""
+    s, qp_solver = model.structure, ProgramSolver()
     if model.fitted is not None and len(model.starts) == len(recording.starts) and was_fitted_to(model, recording):
         return model.starts, model.fitted.skipped
     v, own = s.inverse_slope_map @ model.weights, recording.in_units(s.input_unit, s.output_unit)
-    starts = (_start_and_transient(model, own.part(part), v, solving) for part in own.parts)
+    starts = (_start_and_transient(model, own.part(part), v, qp_solver) for part in own.parts)
     states, skips = zip(*starts, strict=True)
     return states, skips[0]
 
 
 def was_fitted_to(model: piezo_model.HysteresisCreepModel, recording: Recording) -> bool:
-    """Whether a model was fitted to exactly these samples."""
+    """True if the model was fitted to exactly these samples."""
     fitted = model.fitted
     return fitted is not None and fitted.skipped < recording.length and recording.digest() in fitted.digests
 
 
 def _start_and_transient(
-    model: piezo_model.HysteresisCreepModel, part: Recording, v: Vector, solving: Solving
+    model: piezo_model.HysteresisCreepModel, part: Recording, v: Vector, qp_solver: ProgramSolver
 ) -> tuple[OperatorState, int]:
-    """The same of one part."""
+    """The states before one part, and the number of samples in a transient."""
     s, head = model.structure, initial_segment(part, model.structure)
     parameters = Parameters.known(model.dynamics, s.sample_time)
     shift, longest = Columns.of(np.ones(head.length)), longest_transient(head)
 
-    def fitted(skip: int) -> tuple[ForwardFit, Vector]:
+    def fit_after(skip: int) -> tuple[ForwardFit, Vector]:
         counted = counted_from(head, skip)
-        best = start_of(head, counted, s, v, solving, shift, parameters)[1]
-        best = _with_creep_levels(head, counted, model.arrays, best, shift, solving, parameters)
-        return best, np.asarray(0.5 * (best.error - np.median(best.error[counted])))  # shares of the range
+        best = start_of(head, counted, s, v, qp_solver, shift, parameters)[1]
+        best = _with_creep_levels(head, counted, model.arrays, best, shift, qp_solver, parameters)
+        return best, np.asarray(0.5 * (best.error - np.median(best.error[counted])))  # relative to the range
 
-    whole, error = fitted(0)
+    whole, error = fit_after(0)
     if longest and np.max(np.abs(whole.error[:longest])) > np.max(np.abs(whole.error[longest:])):
-        settled, later = fitted(longest)
+        settled, later = fit_after(longest)
         if skip := transient(error, later, longest):
             return settled.states[0], skip
     return whole.states[0], 0
@@ -166,11 +166,11 @@ def _with_creep_levels(
     arrays: Arrays,
     found: ForwardFit,
     shift: Columns,
-    solving: Solving,
+    qp_solver: ProgramSolver,
     parameters: Parameters | None,
 ) -> ForwardFit:
-    """The fit of known weights, those of ``arrays``, with the creep of each rate begun at a level of its own, if the
-    gain is clear."""
+    """The fit of known weights, those of ``arrays``, with an initial level of its own for the creep of each rate, if
+    the gain is significant."""
     s, state = found.structure, found.states[0].copy()
     if not s.creep_rates:
         return found
@@ -178,13 +178,13 @@ def _with_creep_levels(
     for rate in range(len(s.creep_rates)):
         nudged = state.copy()
         nudged.creep.reshape(-1, s.lanes)[rate, : s.n + 1] += NUDGE
-        solving.passes += 1
+        qp_solver.passes += 1
         nudged_y = s.unit_output(simulate(s, arrays, part, [nudged], found.dynamics))
         effects.append((nudged_y + found.ringing - found.y_model) / NUDGE)
 
     def fit(further: Columns) -> ForwardFit:
         return fit_forward(
-            part, counted, s, [state], found.v, solving, weights_known=True, further=further, parameters=parameters
+            part, counted, s, [state], found.v, qp_solver, weights_known=True, further=further, parameters=parameters
         )
 
     farthest = np.array([math.inf, *[FARTHEST] * len(effects)])
@@ -194,8 +194,10 @@ def _with_creep_levels(
     return other if found.improved_by(other, len(effects)) else found
 
 
-def modelled(model: piezo_model.HysteresisCreepModel, recording: Recording, states: States, skip: int = 0) -> Vector:
-    """Output (N,) of a model over a recording in its units, from the states before each part, with what rings from
+def model_output(
+    model: piezo_model.HysteresisCreepModel, recording: Recording, states: States, skip: int = 0
+) -> Vector:
+    """Output (N,) of a model over a recording in its units, from the states before each part, with the ringing from
     before the first sample after ``skip``."""
     y = simulate(model.structure, model.arrays, recording, states, model.dynamics)
     error, counted = recording.y - y, counted_from(recording, skip)
@@ -203,13 +205,15 @@ def modelled(model: piezo_model.HysteresisCreepModel, recording: Recording, stat
 
 
 @one_thread
-def simulated(model: piezo_model.HysteresisCreepModel, recording: Recording, state: OperatorState | None) -> Vector:
-    """Output (N,) of a model over a recording, from the states before each part with which it errs least, or from given
-    ones before the first sample."""
+def simulate_recording(
+    model: piezo_model.HysteresisCreepModel, recording: Recording, state: OperatorState | None
+) -> Vector:
+    """Output (N,) of a model over a recording, from the states before each part that fit it best, or from ``state``
+    before the first sample."""
     model = model.at(recording.sample_time)
     s = model.structure
     recording = recording.in_units(s.input_unit, s.output_unit)
     if state is None:
-        return modelled(model, recording, start_and_transient(model, recording)[0])
+        return model_output(model, recording, start_and_transient(model, recording)[0])
     later = start_and_transient(model, recording)[0][1:] if recording.starts[1:] else []
     return simulate(s, model.arrays, recording, [state, *later], model.dynamics)

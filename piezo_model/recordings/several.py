@@ -20,7 +20,7 @@ class Recordings(Recording):
     """Weight of each recording in a mean over all samples."""
 
     @classmethod
-    def together(cls, recordings: Sequence[Recording], weights: Sequence[float] | None = None) -> Self:
+    def concatenate(cls, recordings: Sequence[Recording], weights: Sequence[float] | None = None) -> Self:
         """Put recordings in the same units together; equal weights by default."""
         first = recordings[0]
         ends = np.cumsum([0, *(recording.length for recording in recordings)])

@@ -187,7 +187,7 @@ def test_a_closed_error_output_or_input_changes_neither_status_nor_output(
 
 # Refusals.
 
-OWN = "The model was fitted to this recording, so the errors say little about other recordings."
+OWN = "The model was fitted to this recording, so its errors say little about others."
 IDENTIFY = ("identify", "stage.csv", "--out", "other.json")
 COMPENSATE = ("compensate", "model.json", "path.csv", "--out", "drive.csv")
 RACE = ("race", "--limit", 1, "--lane", "direct", "--solver", "daqp")
@@ -551,7 +551,7 @@ def test_validate_judges_a_model_on_other_data(
     )
     call = piezobench.quietly("validate", desk / "model.json", "other.csv", "--page", "other.html", folder=tmp_path)
     assert "with this model on this recording" in call.stdout
-    assert "The output is shifted by a constant " in call.stdout
+    assert "The output is shifted from that of the model by a constant " in call.stdout
     assert (tmp_path / "other.html").is_file()
     assert OWN not in call.stdout
 

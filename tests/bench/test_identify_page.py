@@ -85,7 +85,7 @@ def test_weights_come_with_intervals_and_with_their_excitation(browser: Browser,
     browser.open(desk / "stage page.html")
     page = browser.run("return document.body.innerText")
     assert "Excitation is the RMS" in page
-    assert "in brackets the 95 % intervals for these orders" in page
+    assert "95 % intervals for these orders in brackets" in page
     data = pd.read_csv(desk / "stage page-figures" / "weights.csv")
     assert [*data.columns] == ["weight", "value", "low", "high", "excitation", "standing", "zero"]
     known = data.dropna()

@@ -21,7 +21,7 @@ from bench.problems.recorded import ORDERS, WINDOWS, Recorded, preprocessed
 from bench.races.run_problems import raced
 from bench.races.settings import RaceSettings
 from piezo_model import DataBasis, HysteresisCreepModel, plants
-from piezo_model.identification.error_model import Solving, accumulate, counted_from
+from piezo_model.identification.error_model import ProgramSolver, accumulate, counted_from
 from piezo_model.recordings import write_table
 from piezo_model.signals import SIGNALS
 from solvers.certificate import verify
@@ -170,7 +170,7 @@ def test_the_operators_begin_anew_at_each_sweep_of_a_recording(recording: Path, 
     fitted, _ = made._split
     assert fitted.starts == (0, 2000)
     prepared = preprocessed(fitted, 5, 3, made._orders_and_rates[1])
-    alone = accumulate(fitted, counted_from(fitted, 0), prepared.structure, prepared.fit.states, Solving())
+    alone = accumulate(fitted, counted_from(fitted, 0), prepared.structure, prepared.fit.states, ProgramSolver())
     np.testing.assert_allclose(problem.forms["scaled"].qp.P, alone.qp.P, atol=1e-12)
 
 

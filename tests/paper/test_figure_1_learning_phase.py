@@ -10,7 +10,7 @@ from qpsolvers import Problem
 
 import solvers
 from piezo_model import SelfLearningCompensator
-from piezo_model.identification.error_model import Solving
+from piezo_model.identification.error_model import ProgramSolver
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.learning.events import Phase
 from piezo_model.learning.solving import solved, step_ratio
@@ -44,7 +44,7 @@ def test_an_exact_solver_has_its_answer_after_the_samples_that_it_takes() -> Non
     after = cost_after(learner, 1)
     assert (learner.phase, learner.counts["hand_overs"]) == (Phase.RESET, 1)
     assert after < 0.02 * problem.cost(weights)
-    np.testing.assert_allclose(learner.model.weights, Solving().optimum(problem), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(learner.model.weights, ProgramSolver().optimum(problem), rtol=1e-9, atol=1e-12)
 
 
 def test_a_solver_of_steps_takes_one_a_sample_and_comes_to_the_exact_answer() -> None:

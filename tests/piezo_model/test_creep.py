@@ -67,7 +67,7 @@ def test_a_step_held_for_a_minute_and_two_speeds_determine_creep(then: Vector, c
     assert model.report["creep"]["determined"]
     assert model.report["drive"]["creep"]
     assert model.report["creep"]["sentence"] == ""
-    assert "holds creep, which the model leaves out" in without.report["creep"]["sentence"]
+    assert "shows creep, which the model does not include" in without.report["creep"]["sentence"]
     assert worst(model, STEP, creep) < 0.5 * worst(without, STEP, creep)
 
 
@@ -120,7 +120,7 @@ def test_given_rates_are_used_and_said_to_be_a_guess_where_the_recording_determi
     u = FAST["a triangle"]
     given = identify(recorded(u, stage(u)), n=5, m=3, creep_rates=(1.0,))
     assert given.structure.creep_rates == (1.0,)
-    assert any(finding.startswith("The creep of the given rates is a guess.") for finding in given.report["findings"])
+    assert any(finding.startswith("Creep at the rates specified is a guess.") for finding in given.report["findings"])
     assert identify(recorded(u, stage(u)), n=3, m=1).structure.creep_rates == ()
 
 
@@ -154,7 +154,7 @@ def test_a_drift_beside_one_frequency_is_named_but_may_be_creep_and_no_part_of_t
     assert model.structure.creep_rates == ()
     assert found["per_s"] == pytest.approx(-0.15, abs=3.0 * found["se"] + 1e-3)
     assert found["rms_percent"] < 0.15 < model.report["fit"]["rms_percent"]
-    named = "The output drifts by -0.15 µm/s, as by creep or a drift of the sensor; this is no part of the model"
+    named = "The output drifts by -0.15 µm/s, owing to creep or to the sensor. The model does not include the drift"
     assert any(sentence.startswith(named) for sentence in model.report["findings"])
     assert worst(model, SLOW) < 0.4
 
@@ -163,7 +163,7 @@ def test_a_drift_beside_creep_that_is_determined_is_called_one_of_the_sensor() -
     u = np.concatenate([triangle(TIME / 2), SLOW])
     model = identify(recorded(u, stage(u, creep=0.03) - 0.15 * SAMPLE_TIME * np.arange(u.size)))
     assert model.structure.creep_rates
-    assert any(sentence.startswith("The sensor drifts by -0.15 µm/s;") for sentence in model.report["findings"])
+    assert any(sentence.startswith("The sensor drifts by -0.15 µm/s.") for sentence in model.report["findings"])
 
 
 def test_a_recording_that_begins_while_the_stage_creeps_is_validated_from_the_states_that_it_has_then() -> None:

@@ -29,7 +29,7 @@ from piezo_model import (
 )
 from piezo_model.identification.dynamics import GAIN
 from piezo_model.identification.dynamics_parameters import Parameters
-from piezo_model.identification.error_model import Solving
+from piezo_model.identification.error_model import ProgramSolver
 from piezo_model.identification.forward import Box, fit_forward
 from piezo_model.identification.resonance import Spectra
 
@@ -208,7 +208,7 @@ def test_a_known_resonance_is_fitted_with_the_weights() -> None:
     begun = Parameters(Dynamics((11.15,), (0.027,), (0.8,), 2e-3, 1e-3), 5e-3, free=True, residual=True, with_lag=True)
     v = s.inverse_slope_map @ s.straight_line
     counted = np.ones(x.size, dtype=bool)
-    fit = fit_forward(recording, counted, s, [state], v, Solving(), steps=12, parameters=begun)
+    fit = fit_forward(recording, counted, s, [state], v, ProgramSolver(), steps=12, parameters=begun)
     assert fit.cost < 1e-10
     np.testing.assert_allclose(fit.weights, model.weights, atol=1e-3)
     for name, value in SLOW.to_dict().items():
@@ -238,12 +238,12 @@ def test_every_point_of_the_box_of_a_search_and_a_step_beyond_it_is_a_stage(
     )
     begun = Dynamics(f, zeta, np.full(count, 1.0 / max(count, 1)), late, late)
     box = Box(*(near := Parameters(begun, period, True, residual and count > 0, True)).bounds)
-    theta = box.low + data.draw(arrays(float, box.low.size, elements=st.floats(0.0, 1.0))) * (box.high - box.low)
+    theta = box.lb + data.draw(arrays(float, box.lb.size, elements=st.floats(0.0, 1.0))) * (box.ub - box.lb)
     for along in np.eye(theta.size):
         at, made = box.step(theta, along)
-        np.testing.assert_allclose(at, box.inside(theta + np.copysign(max(abs(made), 1e-6), made) * along), rtol=1e-12)
+        np.testing.assert_allclose(at, box.project(theta + np.copysign(max(abs(made), 1e-6), made) * along), rtol=1e-12)
         for point in (at, theta + 1e3 * along, theta - 1e3 * along):
-            near.at(box.inside(point))  # whose dynamics refuse what is out of order or range
+            near.at(box.project(point))  # whose dynamics refuse what is out of order or range
 
 
 def test_parts_of_a_signal_are_refused_for_a_model_with_dynamics() -> None:
@@ -319,8 +319,8 @@ def test_a_resonance_is_in_the_model_and_predicts_steps_that_it_has_not_seen(kin
     assert model.validate(later).fit.rms_percent < 1.0
     f = f"{model.dynamics.frequencies_Hz[0]:.5g}"
     said = " ".join(model.report["sentences"])
-    assert f"A resonance at {f} Hz" in said
-    assert re.search(r"amplifies errors of the static part near it up to (4[5-9]|5[0-5]) times", said)
+    assert f"has a resonance at {f} Hz" in said
+    assert re.search(r"amplifies errors of the static part near it by up to (4[5-9]|5[0-5]) times", said)
     chosen = next(row for row in model.report["selection"]["table"] if row["standing"])
     assert chosen["error_percent"] < 2.0 * model.report["fit"]["rms_percent"]  # not behind an inverse that adds noise
     low, high = model.report["dynamics"]["intervals"]["frequencies_Hz"][0]
@@ -460,7 +460,12 @@ def test_a_third_resonance_that_rings_little_is_said_to_be_left_out() -> None:
 def test_all_findings_about_a_stage_that_falls_and_rings_twice_are_said_first() -> None:
     rising = made("maxwell_slip", "steps", [(120.0, 0.03, 0.8), (900.0, 0.01, 0.2)], size=SIZE // 2)
     findings = identify(replace(rising, y=-rising.y), n=5, m=3).report["findings"]
-    begins = "The output falls", "A resonance at 120.", "A resonance at ", "The output is delayed by "
+    begins = (
+        "The output falls",
+        "The stage has a resonance at 120.",
+        "The stage has a resonance at ",
+        "The output is delayed by ",
+    )
     assert all(finding.startswith(begin) for finding, begin in zip(findings, begins, strict=True))
 
 

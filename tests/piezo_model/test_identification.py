@@ -100,7 +100,7 @@ def test_a_whole_and_a_fractional_lag_are_identified_and_reported(tenths: int, c
     assert found["removed"] == (choice == "remove")
     assert found["error_percent"] < 0.2 * found["error_without_lag_percent"]
     (sentence,) = sentences(model, f"{found['samples']:.2f} samples")
-    assert ("left out as the sensor's" in sentence) == (choice == "remove")
+    assert ("attributed to the sensor" in sentence) == (choice == "remove")
     with_lag = identify(x[fine * 20 :: fine], y, s, lag="ignore")
     assert model.report["fit"]["skipped"] == 0
     assert model.report["fit"]["rms_percent"] < 0.3 * with_lag.report["fit"]["rms_percent"]
@@ -202,7 +202,7 @@ def test_a_model_of_the_first_half_of_the_real_recording_predicts_the_second() -
 
 def test_a_creep_rate_beyond_the_sampling_rate_is_refused() -> None:
     s, x = structure(creep_rates=()), a_drive(3000)
-    with pytest.raises(IdentificationError, match=r"^arrays: a creep rate of 1e[+]09 per second is above one over the"):
+    with pytest.raises(IdentificationError, match=r"^arrays: a creep rate of 1e[+]09 per second is above the sampling"):
         identify(Recording.from_arrays(x, true_model(s).simulate(x), s.sample_time), n=2, m=1, creep_rates=(1.0, 1e9))
 
 
@@ -270,12 +270,12 @@ X = a_drive(400)
         (X, np.arange(400) < 5, {"skip": 20}, "the output does not move after the first 20 samples, which are skipped"),
         (X, X[:-1], {}, r"of equal length and not empty, not of shapes \(400,\) and \(399,\)"),
         (X, None, {}, "identification from arrays needs x, y and a structure"),
-        (Recording.from_arrays(X, X, 5e-3), X, {}, "a recording holds its own output"),
+        (Recording.from_arrays(X, X, 5e-3), X, {}, "a recording contains its output"),
         (
             Recording.from_arrays(X, X, 1e-3),
             None,
             {},
-            "sampling period is 0.001 s, and that of the structure is 0.005 s",
+            "sampling period is 0.001 s, but that of the structure is 0.005 s",
         ),
         (X, X, {"solver": "simplex"}, "there is no solver 'simplex'"),
     ],
@@ -328,7 +328,7 @@ def test_a_drive_that_turns_at_the_ends_of_its_range_alone_is_said_to_tell_littl
     x: np.ndarray, alone: bool
 ) -> None:
     model = identify(of_a_stage("relay_preisach", x))
-    assert bool(sentences(model, "turns at the ends of its range alone, and says little of the loops inside")) == alone
+    assert bool(sentences(model, "reverses only at the ends of its range, and says little about inner loops")) == alone
 
 
 @pytest.mark.parametrize("lag", [1.0, 3.0])
@@ -346,7 +346,7 @@ def test_a_lag_that_a_triangle_does_not_tell_from_hysteresis_is_said_to_be_possi
     model = identify(of_a_stage("relay_preisach", TRIANGLE, lag))
     assert not model.report["lag"]["is_significant"]
     assert model.report["lag"]["at_most_s"] > 1e-3 * max(lag, 1.0)
-    assert sentences(model, "no clear lag, but may have one of up to")
+    assert sentences(model, "no significant lag, but may lag by up to")
 
 
 def amplified(x: np.ndarray, tau_s: float, sample_time: float) -> np.ndarray:
@@ -371,7 +371,7 @@ def test_a_delay_and_the_lag_of_an_amplifier_without_a_mode_are_in_the_model(tau
     assert model.dynamics.delay_s == pytest.approx(delay_s, abs=1e-4)
     assert model.dynamics.amplifier_lag_s == pytest.approx(tau_s, rel=0.03)
     assert model.validate(made(2, 15)).fit.rms < 3.0 * model.report["fit"]["rms"]
-    assert sentences(model, "; it is in the model")
+    assert sentences(model, "; the model includes the lag")
 
 
 def test_a_chirp_tells_the_lag_of_an_amplifier_from_a_delay_beside_many_plays() -> None:
@@ -399,7 +399,7 @@ def test_few_levels_are_said_not_to_determine_hysteresis_and_bound_the_orders_th
     assert {other.structure.d for other in others} == {model.structure.d}
     assert model.structure.n < levels >= model.structure.dead_zones
     assert sentences(
-        model, f"The drive has {levels} levels and hardly anything between them, where the model is a guess"
+        model, f"The drive has {levels} levels and hardly any samples between them, where the model is a guess"
     )
     assert not model.report["drive"]["hysteresis"]
 

@@ -6,7 +6,7 @@ import pytest
 
 import solvers
 from piezo_model.data_basis import DataBasis
-from piezo_model.identification.error_model import Solving
+from piezo_model.identification.error_model import ProgramSolver
 from piezo_model.identification_problem import Coordinates, IdentificationProblem, Scaling
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.structure import ModelStructure
@@ -66,7 +66,7 @@ def test_box_and_cone_raw_and_scaled_have_the_same_optimum(solver: str, noise: f
     problem = problem_of(structure(), full_drive(), noise)
     answers = np.array([solve(problem, *form, solver) for form in FORMS])
     np.testing.assert_allclose(answers[1:], np.tile(answers[:1], (3, 1)), rtol=0, atol=1e-9)
-    w, s = Solving().optimum(problem), problem.structure
+    w, s = ProgramSolver().optimum(problem), problem.structure
     np.testing.assert_allclose(w, answers[0], rtol=0, atol=1e-9)
     assert noise < 0.3 or np.sum(w[s.slices[0]] == 0.0) + np.sum(w[s.slices[2]] == 0.0) > 0  # some bounds are active
 
@@ -74,7 +74,7 @@ def test_box_and_cone_raw_and_scaled_have_the_same_optimum(solver: str, noise: f
 def test_raw_variables_have_physical_units() -> None:
     s = structure()
     problem = problem_of(s, full_drive())
-    raw, w = problem.form("weight", "raw"), Solving().optimum(problem)
+    raw, w = problem.form("weight", "raw"), ProgramSolver().optimum(problem)
     z = raw.variables(w)
     np.testing.assert_allclose(z[s.slices[1]], w[s.slices[1]] * s.x_scale / s.y_scale)  # V/µm
     np.testing.assert_allclose(z[s.slices[0]], w[s.slices[0]])
@@ -114,7 +114,7 @@ def test_unreached_weights_stay_at_the_reference_for_any_data(noise: float, rest
     s = structure()
     reference = s.slope_map @ np.linspace(0.2, 0.9, s.d)
     problem = problem_of(s, rest + full_drive(0.25), noise, rest, reference)
-    v, v_ref = s.inverse_slope_map @ Solving().optimum(problem), s.inverse_slope_map @ reference
+    v, v_ref = s.inverse_slope_map @ ProgramSolver().optimum(problem), s.inverse_slope_map @ reference
     held = np.array([name in unreached(problem) for name in s.weight_names])
     assert held.sum() >= 6
     np.testing.assert_allclose(v[held], v_ref[held], rtol=0, atol=1e-12)
@@ -124,7 +124,7 @@ def test_unreached_weights_stay_at_the_reference_for_any_data(noise: float, rest
 def test_the_true_weights_are_the_optimum_when_they_are_the_reference_of_a_small_drive() -> None:
     s = structure()
     truth = true_model(s).weights
-    w = Solving().optimum(problem_of(s, 0.3 + full_drive(0.25), rest=0.3, reference=truth))
+    w = ProgramSolver().optimum(problem_of(s, 0.3 + full_drive(0.25), rest=0.3, reference=truth))
     # Slope zero and offset are one constant here: along it rounding (1e-15) stands against the proximal term (1e-10).
     np.testing.assert_allclose(w, truth, rtol=0, atol=1e-4)
     others = np.array([name not in ("w'_S-1", "w'_S0", "w'_S1", "offset") for name in s.weight_names])
@@ -134,7 +134,9 @@ def test_the_true_weights_are_the_optimum_when_they_are_the_reference_of_a_small
 def test_a_stronger_proximal_term_moves_every_weight_less_from_the_reference() -> None:
     s = structure()
     v_ref = s.inverse_slope_map @ s.straight_line
-    answers = [Solving().optimum(problem_of(s, full_drive(), 0.02, proximal=rho)) for rho in (1e-10, 1e-4, 1e-1, 1e6)]
+    answers = [
+        ProgramSolver().optimum(problem_of(s, full_drive(), 0.02, proximal=rho)) for rho in (1e-10, 1e-4, 1e-1, 1e6)
+    ]
     distances = [np.linalg.norm(s.inverse_slope_map @ w - v_ref) for w in answers]
     assert distances == sorted(distances, reverse=True)
     assert distances[-1] < 1e-5

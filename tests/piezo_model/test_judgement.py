@@ -232,7 +232,7 @@ def test_errors_on_another_recording_are_compared_in_units_and_not_as_shares_of_
     assert not any("times the" in sentence for sentence in found.sentences())
     y[small] += 0.02 * np.ptp(y) * rng.standard_normal(y[small].size)
     worse = model.validate(Recording.from_arrays(u[small], y[small], SAMPLE_TIME, output_unit="um"))
-    assert any("on the recording that the model was identified from" in sentence for sentence in worse.sentences())
+    assert any("times that on the recording of the identification" in sentence for sentence in worse.sentences())
 
 
 def test_a_recording_in_units_of_something_else_than_the_models_is_refused() -> None:

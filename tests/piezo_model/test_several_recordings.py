@@ -109,7 +109,7 @@ def test_recordings_that_contradict_each_other_are_refused(recordings: list[Reco
     ):
         with pytest.raises(error, match=sentence):
             identify([slow, dataclasses.replace(fast, **change)])
-    with pytest.raises(IdentificationError, match="there are several"):
+    with pytest.raises(IdentificationError, match="several were given"):
         identify(recordings, state=OperatorState.before_drive(STATIC))
 
 
