@@ -13,7 +13,7 @@ from solvers.arrays import Matrix, Vector, reals
 
 
 def require(valid: Callable[[Any], Any], what: str, /, **arguments: Any) -> None:
-    """Require that a condition holds for each argument, never for True or False; ``what`` states it in words."""
+    """Require a condition of each argument; True and False never meet it. ``what`` states the condition in words."""
     for name, value in arguments.items():
         plain = value.item() if isinstance(value, np.generic) else value  # single precision overflows beside LARGEST
         try:
@@ -26,7 +26,7 @@ def require(valid: Callable[[Any], Any], what: str, /, **arguments: Any) -> None
 
 @contextmanager
 def refusing(error: type[ValueError], label: str = "") -> Iterator[None]:
-    """Raise a ValueError of the block as another one, with a label before the sentence."""
+    """Raise a ValueError of the block as another class, with a label before the message."""
     try:
         yield
     except ValueError as refused:
@@ -68,7 +68,7 @@ def between(low: float, high: float, **arguments: float) -> None:
 
 
 def one_of(choices: Sequence[str], **arguments: str) -> None:
-    """Require one of some words."""
+    """Require one of several words."""
     require(lambda value: value in choices, f"one of {', '.join(choices)}", **arguments)
 
 
@@ -96,7 +96,7 @@ def ascending(**arguments: tuple[float, float]) -> None:
 
 
 def vectors(**arguments: ArrayLike) -> list[Vector]:
-    """The arguments as arrays (N,) of doubles; require vectors of real numbers, of the same length."""
+    """The arguments as arrays (N,) of doubles; require vectors of real numbers with the same length."""
     what = "vectors of the same length" if len(arguments) > 1 else "a vector, such as [1.0, 2.0] or one column"
     return _arrays((), what, arguments)
 

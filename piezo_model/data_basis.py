@@ -1,12 +1,12 @@
-"""The data basis of the identification, accumulated while the samples stream by.
+"""The data basis of the identification, accumulated sample by sample.
 
 Each sample gives one row (x, Ξ) of the error model (5) (`regressors`), and the cost is the mean square
 V(w) = ½ wᵀP w + qᵀw + c with
 
     P = Σ λ^(N−k) Ξ Ξᵀ / W,   q = Σ λ^(N−k) Ξ x / W,   c = ½ Σ λ^(N−k) x² / W,   W = Σ λ^(N−k)
 
-where λ ≤ 1 forgets (λ = 1: W = N, plain means). Memory does not grow with the recording. Rows are added in blocks of a
-fixed size, so that the result does not depend on how the samples are cut into chunks.
+with the forgetting factor λ ≤ 1 (λ = 1: W = N, plain means). The memory needed does not grow with the recording. Rows
+are added in blocks of a fixed size, so that the result does not depend on how the samples are split into chunks.
 
 Source: the paper's equations (3) to (6); K. Kuhnen, European Journal of Control 9 (2003) 407–418.
 """
@@ -68,24 +68,24 @@ class DataBasis(Stateful):
 
     @property
     def samples(self) -> int:
-        """Number of samples counted."""
+        """Number of counted samples."""
         return int(self._core.as_int64("counts")[1])
 
     def update(self, x: ArrayLike, y: ArrayLike, count: bool = True) -> None:
-        """Take the next samples.
+        """Add the next samples.
 
         Parameters
         ----------
         x, y : array (N,)
-            Input and measured output in the structure's units; any N. An output that is NaN is missing: its sample
-            advances the operator states alone.
+            Input and measured output in the structure's units, for any N. If an output is missing (NaN), its sample
+            only advances the operator states.
         count : bool
-            False advances the operator states and leaves P, q and c unchanged, for samples that cannot be trusted.
+            False only advances the operator states, for samples that cannot be trusted; P, q and c are unchanged.
 
         Raises
         ------
         ValueError
-            For arrays of different length and for other values that are not finite; the basis is unchanged.
+            For arrays of different length or other values that are not finite; the basis is then unchanged.
         """
         s = self.structure
         x, y = checks.vectors(x=x, y=y)
@@ -134,12 +134,12 @@ class DataBasis(Stateful):
 
     @property
     def excitation(self) -> Excitation:
-        """Range of input and output over the counted samples, and the operators that moved in it."""
+        """Ranges of input and output over the counted samples, and the operators that moved."""
         start = self._start
         return Excitation.of(self.structure, self._span, self._core["r"], start.play, start.creep)
 
     def problem(self, reference: ArrayLike | None = None, **options: float) -> IdentificationProblem:
-        """Quadratic program (6) of the samples counted; options as of ``IdentificationProblem``."""
+        """Quadratic program (6) of the counted samples; options as for ``IdentificationProblem``."""
         gram = self._mean_gram()
         return IdentificationProblem(
             self.structure,

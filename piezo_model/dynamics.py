@@ -4,19 +4,19 @@
 
     G(s) = e^(−τs) ( Σ g_i ω_i² / (s² + 2 ζ_i ω_i s + ω_i²) + 1 − Σ g_i )
 
-with at most two modes ω_i = 2π f_i. Their gains g_i are shares of the static gain; the rest is residual
-compliance, of modes far above the driven band. T_a is the lag of the amplifier, and τ the delay of the output.
+with at most two modes ω_i = 2π f_i. Their gains g_i are shares of the static gain; the rest is residual compliance,
+from modes far above the driven band. T_a is the lag of the amplifier, and τ the delay of the output.
 
-G is discretised exactly for an input that is held between samples, with the output at the end of the interval:
-y(k) is that at time (k + 1) T − τ. So τ = T for a sensor that is read while the next drive is written. The residual
-compliance has no memory; a fraction of τ is interpolated linearly there, which is exact for ramps.
+G is discretised exactly for an input that is held between samples, with the output at the end of the interval: y(k) is
+the output at time (k + 1) T − τ. So τ = T for a sensor that is read while the next drive is written. The residual
+compliance has no memory; for it a fraction of τ is interpolated linearly, which is exact for ramps.
 
-The inverse F replaces the poles of each mode by those of the same frequency and the damping 0.7:
+The inverse F replaces the poles of each mode by those of the same frequency with a damping ratio of 0.7:
 
     F(z) = Π  D_i(z) / D_i(1) · R_i(1) / R_i(z),    R = G F, the reference model
 
-The zeros and the delay of G are not inverted, since the inverse would ring or anticipate; the output follows R with the
-lag of its group delay at frequency 0, which is the same for all slow references.
+The zeros and the delay of G are not inverted, since the inverse would ring or be non-causal; the output follows R with
+the lag of its group delay at frequency 0, which is the same for all slow references.
 
 Source: K. J. Åström and B. Wittenmark, Computer-Controlled Systems, 3rd edition 1997, section 2.3, for the hold
 with a fractional delay; S. Devasia, E. Eleftheriou and S. O. R. Moheimani, "A survey of control issues in
@@ -43,12 +43,12 @@ from solvers.arrays import Matrix, Vector
 
 REFERENCE_DAMPING = 0.7
 LOWEST, HIGHEST = 1e-4, 0.35
-"""Lowest and highest frequency of a mode, as shares of the sampling rate; that of a slower one is lost in rounding."""
+"""Lowest and highest frequency of a mode, relative to the sampling rate; slower modes are lost in rounding."""
 LONGEST = 10_000
 """Longest delay and lag in samples."""
 MOST_MODES = 2
 MARGIN = 4000
-"""Samples by which a signal is mirrored at its ends before it is transformed."""
+"""Samples by which a signal is mirrored at its ends before a Fourier transform."""
 
 
 @dataclass(frozen=True)
@@ -60,18 +60,18 @@ class Dynamics:
     frequencies_Hz : sequence of float
         Undamped frequencies of at most two modes, ascending; none for a delay or a lag alone.
     damping : sequence of float
-        Damping ratio of each, above 0 and below 1.
+        Damping ratio of each mode, above 0 and below 1.
     gains : sequence of float
-        Positive share of the static gain of each, at most 1 in all.
+        Positive share of each mode in the static gain, at most 1 in total.
     delay_s : float
-        Time τ from the end of the sampling interval back to the output's sample.
+        Delay τ of the output from the end of the sampling interval.
     amplifier_lag_s : float
         Time constant of a first-order amplifier before the actuator.
 
     Raises
     ------
     ValueError
-        A value is out of range; the sentence names it.
+        A value is out of range; the message names it.
 
     Examples
     --------
@@ -115,7 +115,7 @@ class Dynamics:
             object.__setattr__(self, name, float(getattr(self, name)))
 
     def check_sample_time(self, sample_time: float) -> None:
-        """Raise ValueError if a mode is too fast or too slow, or delay or lag too long, for a sampling period in s."""
+        """Raise ValueError if a mode is too fast or slow, or the delay or lag too long, for a sampling period in s."""
         for f in self.frequencies_Hz:
             if not LOWEST <= f * sample_time <= HIGHEST:
                 beyond = f"above {HIGHEST:.0%}" if f * sample_time > HIGHEST else f"below {LOWEST:.2%}"
@@ -131,14 +131,14 @@ class Dynamics:
                 )
 
     def below(self, sample_time: float) -> Dynamics:
-        """The same with the static gain of each mode that is too fast for a sampling period in s."""
+        """The dynamics with each mode that is too fast for a sampling period in s reduced to its static gain."""
         n = sum(f * sample_time <= HIGHEST for f in self.frequencies_Hz)
         return replace(self, frequencies_Hz=self.frequencies_Hz[:n], damping=self.damping[:n], gains=self.gains[:n])
 
     def filter(self, v: ArrayLike, sample_time: float, level: float | None = None) -> Matrix:
-        """The output of G (N,) for the output v (N,) of the static model, or columns (N, k) of them.
+        """The output of G (N,) for the output v (N,) of the static model, or for columns (N, k) of such outputs.
 
-        Before the first sample it is balanced at ``level``, by default that sample.
+        Before the first sample it is in equilibrium at ``level``, by default at that sample.
         """
         return self.stream(sample_time, level)(np.asarray(v, dtype=np.float64))
 
@@ -148,21 +148,21 @@ class Dynamics:
         return Stream([(np.concatenate([np.zeros(int(whole)), b]), a) for b, a in sections], level)
 
     def amplified(self, x: Vector, sample_time: float, level: float | None = None) -> Vector:
-        """The drive x_a (N,) behind the amplifier for x (N,), balanced at ``level`` before it."""
+        """The drive x_a (N,) behind the amplifier for x (N,), with an equilibrium at ``level`` before it."""
         if self.amplifier_lag_s == 0.0:
             return x
         p = math.exp(-sample_time / self.amplifier_lag_s)
         return Stream([(np.array([1.0 - p]), np.array([1.0, -p]))], level)(x)
 
     def inverse(self, y_ref: ArrayLike, sample_time: float, level: float | None = None) -> Vector:
-        """F y_ref (N,): what the static model has to put out so that the output is :meth:`reference`."""
+        """F y_ref (N,): the output of the static model for which the output of the stage is :meth:`reference`."""
         y = np.asarray(y_ref, dtype=np.float64)
         for D, R in self.pole_pairs(sample_time):
             y = Stream([(D / R[0], R / R[0])], level)(y)
         return y
 
     def reference(self, y_ref: ArrayLike, sample_time: float, level: float | None = None) -> Vector:
-        """The output G F y_ref (N,) that the inverse is for, with the lag of the amplifier."""
+        """The output G F y_ref (N,) of the stage behind the inverse, with the lag of the amplifier."""
         behind = self.amplified(self.inverse(y_ref, sample_time, level), sample_time, level)
         return self.filter(behind, sample_time, level)
 
@@ -181,8 +181,8 @@ class Dynamics:
         return whole + float(np.arange(N.size) @ N - sum(np.arange(3) @ R for _, R in self.pole_pairs(sample_time)))
 
     def zeros(self, sample_time: float) -> tuple[int, Vector]:
-        """Whole samples of the delay, and N(z) / N(1) of G = z^(−delay) N(z) / Π D_i(z), which is the reference model
-        behind R_i(1) / R_i(z)."""
+        """Whole samples of the delay, and N(z) / N(1) of G = z^(−delay) N(z) / Π D_i(z); with Π R_i(1) / R_i(z) these
+        are the reference model."""
         whole, sections = self._sections(sample_time)
         poles = [a / a.sum() for _, a in sections]
         over = [reduce(np.convolve, poles[:i] + poles[i + 1 :], b / a.sum())[::-1] for i, (b, a) in enumerate(sections)]
@@ -201,24 +201,24 @@ class Dynamics:
         return np.asarray(delay * sum(np.polyval(b[::-1], q) / np.polyval(a[::-1], q) for b, a in sections))
 
     def largest_gain(self, sample_time: float, inverted: Dynamics | None) -> float:
-        """Stability limit of the gain of integral action, per second, of a loop around the stage behind the F of the
-        inverted dynamics, if any: the open loop then has the gain 1 at a phase of −180°."""
+        """Stability limit of the gain of integral action, per second, in a loop around the stage and the F of the
+        inverted dynamics, if any: the gain at which the open loop has magnitude 1 at a phase of −180°."""
         near, half = np.sinh(np.linspace(-7.0, 7.0, 4001)), 0.5 / sample_time
         around = [f * (1.0 + zeta * near) for f, zeta in zip(self.frequencies_Hz, self.damping, strict=True)]
         f = np.concatenate([np.geomspace(1e-7, 0.5, 20_000) / sample_time, *around])
-        alias = np.abs((f + half) % (2.0 * half) - half)  # of a mode above half the sampling rate
+        alias = np.abs((f + half) % (2.0 * half) - half)  # for modes above half the sampling rate
         f = np.unique(np.maximum(alias, 1e-9 * half))
         q = np.exp(-2j * np.pi * f * sample_time)
         loop = self.response(f, sample_time) * self._amplifier(f, sample_time) * sample_time * q / (1.0 - q)
         for D, R in inverted.pole_pairs(sample_time) if inverted else ():
             loop *= np.polyval(D[::-1], q) / np.polyval(R[::-1], q)
-        crossings = np.append(loop.imag[:-1] * loop.imag[1:] <= 0.0, True)  # at half the sampling rate, too
+        crossings = np.append(loop.imag[:-1] * loop.imag[1:] <= 0.0, True)  # including half the sampling rate
         least = float(np.min(loop.real[crossings]))
         return -1.0 / least if least < 0.0 else math.inf
 
     def anticipated(self, y: ArrayLike, sample_time: float, *, amplifier: bool = False) -> Vector:
-        """G⁻¹ y (N,) without lag, smoothed by a Gaussian of a bandwidth of twice the highest frequency, and through the
-        inverse of the amplifier, too, where that is asked for; it anticipates y, which must be known."""
+        """G⁻¹ y (N,) without lag, smoothed by a Gaussian with a bandwidth of twice the highest frequency, and
+        optionally through the inverse of the amplifier; it anticipates y, which must be known in advance."""
         bandwidth_Hz = 2.0 * max(self.frequencies_Hz, default=0.05 / sample_time)
 
         def inverse(f: Vector, G: Vector) -> Vector:
@@ -228,7 +228,7 @@ class Dynamics:
         return self._known(y, sample_time, inverse)
 
     def equalised(self, y: ArrayLike, sample_time: float) -> Vector:
-        """G⁻¹ y (N,) without lag where G amplifies; elsewhere with the phase of G⁻¹ alone, so that no noise is
+        """G⁻¹ y (N,) without lag where G amplifies, and with the phase of G⁻¹ alone elsewhere, so that no noise is
         amplified."""
         return self._known(y, sample_time, lambda _, G: 1.0 / (G * np.maximum(1.0, 1.0 / np.abs(G))))
 
@@ -238,7 +238,7 @@ class Dynamics:
         return np.asarray((1.0 - p) / (1.0 - p * np.exp(-2j * np.pi * frequencies_Hz * sample_time)))
 
     def _known(self, y: ArrayLike, sample_time: float, response: Callable[[Vector, Vector], Vector]) -> Vector:
-        """A known signal y (N,) through a response at frequencies (k,), given those and G there."""
+        """A known signal y (N,) filtered by a response, which is a function of frequencies (k,) and of G there."""
         y = np.asarray(y, dtype=np.float64)
         margin = min(y.size - 1, MARGIN)
         mirrored = np.concatenate([2.0 * y[0] - y[margin:0:-1], y, 2.0 * y[-1] - y[-2 : -margin - 2 : -1]])
@@ -263,7 +263,7 @@ class Dynamics:
         return ", ".join(word for word, applies in words.items() if applies)
 
     def _sections(self, sample_time: float) -> tuple[float, list[tuple[Vector, Vector]]]:
-        """Whole samples of the delay; numerator and denominator of each parallel section of G behind them, the last one
+        """Whole samples of the delay; numerator and denominator of each parallel section of the rest of G, the last one
         with the residual compliance."""
         whole, fraction = divmod(self.delay_s / sample_time, 1.0)
         sections: list[tuple[Vector, Vector]] = []
@@ -278,15 +278,15 @@ class Dynamics:
         return whole, sections
 
 
-def late(dynamics: Dynamics | None, delay_s: float) -> Dynamics | None:
-    """Dynamics, or none, with a further delay."""
+def delayed(dynamics: Dynamics | None, delay_s: float) -> Dynamics | None:
+    """Dynamics, or None, with a further delay."""
     g = dynamics or Dynamics((), (), (), 0.0)
     return replace(g, delay_s=g.delay_s + delay_s) if delay_s else dynamics
 
 
 class Stream:
-    """Parallel filters, numerator and denominator of each with a_0 = 1, for chunks of a signal (N,) or of columns
-    (N, k), balanced before the first sample at a level, by default that sample."""
+    """Parallel filters, each a numerator and a denominator with a_0 = 1, for chunks of a signal (N,) or of columns
+    (N, k), in equilibrium before the first sample at a level, by default at that sample."""
 
     def __init__(self, sections: Sequence[tuple[Vector, Vector]], level: float | None) -> None:
         self._sections, self._level = sections, level

@@ -1,10 +1,10 @@
 """Data-sheet figures of an actuator, from its model: gain, hysteresis, creep and offset.
 
-Gain and hysteresis are those of the loop over the whole range of the input: the output's range by the input's, and the
-largest width of the loop by the output's range. The gain has what creep adds in the first tenth of a second after a
-step, from which data sheets count creep: at once there is none that a recording determines. Creep is what a step to
-80 % of the range adds from t to 10 t after it, as a share of the movement until t, where t and 10 t lie in the middle
-of the model's creep rates. The offset is the constant of the model, referred to its input.
+Gain and hysteresis are those of the loop over the whole range of the input: the output's range divided by the input's,
+and the largest width of the loop divided by the output's range. The gain includes creep in the first tenth of a second
+after a step, from which data sheets count creep, since no recording determines creep at shorter times. Creep is the
+movement from t to 10 t after a step to 80 % of the range, relative to the movement until t, where t and 10 t lie in the
+middle of the model's creep rates. The offset is the constant of the model, referred to its input.
 
 Source: H. Jung and D.-G. Gweon, "Creep characteristics of piezoelectric actuators", Review of Scientific Instruments 71
 (2000) 1896–1900, for the tenth of a second.
@@ -24,7 +24,7 @@ from solvers.arrays import Vector
 POINTS = 200
 """Samples of each branch of the loop, and of the step until t."""
 STEP, CREEPS_FROM_S = 0.8, 0.1
-"""Step as a share of the range, and the time after it from which creep counts."""
+"""Step relative to the range; time after the step from which creep counts."""
 
 
 def figures_of(model: piezo_model.HysteresisCreepModel) -> dict[str, float]:
@@ -49,7 +49,7 @@ def figures_of(model: piezo_model.HysteresisCreepModel) -> dict[str, float]:
 
 
 def _movement(model: piezo_model.HysteresisCreepModel, t: float, samples: int) -> Vector:
-    """Movement (N,) after a step, of which t is the sample POINTS, as a share of that at once."""
+    """Movement (N,) after a step, with the time t at sample POINTS, relative to the immediate movement."""
     s, (low, high) = model.structure, model.structure.x_range
     slow = replace(model.static.at(t / POINTS), start=None)
     x = np.full(samples + 2, low + STEP * (high - low))

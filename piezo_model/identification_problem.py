@@ -4,15 +4,15 @@ Weights are admissible if w_H ≥ 0, w_K ≥ 0 and the slopes of S⁻¹ are at l
 sums of w'_S outwards from zero, so the set is a box in slope coordinates v = T⁻¹ w, and a polyhedral cone in weight
 coordinates. The minimiser is the same in both; the path of a gradient method is not.
 
-Weights that the drive does not excite must keep their values. The problem is therefore made strictly convex by a
-proximal term towards reference weights, ½ρ‖v − v_ref‖² in slope coordinates and normalised units, with ρ = ``proximal``
-times the mean diagonal element of P. That is not enough for an operator that stood still: its column is constant, and
-an offset or another such column could replace it. So its weight is fixed in the cost of the data, v_i = v_ref,i, and
-the proximal term keeps it there. Both are part of the problem in every form.
+Weights that the drive does not excite must keep their values. A proximal term towards reference weights, ½ρ‖v − v_ref‖²
+in slope coordinates and normalised units, with ρ = ``proximal`` times the mean diagonal element of P, therefore makes
+the problem strictly convex. That is not enough for an operator that never moved: its column is constant, and an offset
+or another such column could replace it. So its weight is fixed in the cost of the data, v_i = v_ref,i, and the proximal
+term keeps it there. Both are part of the problem in every form.
 
-Forms: ``raw`` has physical units (volts, micrometres, volts per micrometre); ``scaled`` starts from normalised units
-and scales the variables so that P has a unit diagonal, which keeps a box a box. With ‖x̃‖ ≤ 1 the cost is then of
-order one, so that a solver's tolerances are meaningful without another factor.
+Forms: ``raw`` has physical units (volts, micrometres, volts per micrometre); ``scaled`` scales the variables of the
+normalised problem so that P has a unit diagonal, and a box remains a box. With ‖x̃‖ ≤ 1 the cost is then of order one,
+so that a solver's tolerances are meaningful without another factor.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Coordinates = Literal["slope", "weight"]
 Scaling = Literal["scaled", "raw"]
 
 ROUNDING = 1e-11
-"""Largest entry of the diagonal of P, as a share of the largest of all, that may be a rounding error."""
+"""Largest diagonal entry of P, relative to the largest of all, that may be a rounding error."""
 
 
 @dataclass(frozen=True)
@@ -51,8 +51,8 @@ class Excitation:
 
     @classmethod
     def of(cls, s: ModelStructure, span: Vector, r: Vector, play: Vector, creep: Vector) -> Excitation:
-        """The excitation by the lowest and highest x and y, the thresholds, and the states at the first counted sample:
-        an operator moves when the input leaves z − r … z + r."""
+        """The excitation from the ranges of x and y, the thresholds, and the states at the first counted sample: an
+        operator moves if the input leaves z − r … z + r."""
         x_min, x_max, y_min, y_max = span.tolist()
         play_moved = (x_max - r > play) | (x_min + r < play)
         creep = creep.reshape(-1, s.lanes)
@@ -74,8 +74,8 @@ class ExcitationReport:
     unreached: tuple[str, ...]
     """Weights whose threshold the drive never reached."""
     condition: float
-    """Condition number of the unit-diagonal P over the reached weights, without the proximal term; at most 1/ε of the
-    machine, the limit of rounding."""
+    """Condition number of the unit-diagonal P over the reached weights, without the proximal term; at most 1/ε, the
+    limit of rounding."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ class IdentificationProblem:
         Mean cost of the data in weight coordinates and normalised units.
     excitation : Excitation
     reference : array (d,), optional
-        Weights that the proximal term pulls to; the straight line through the range by default.
+        Weights towards which the proximal term pulls; by default those of the straight line through the range.
     proximal : float
         Strength of the proximal term relative to the mean diagonal of P in slope coordinates; 0 for none.
     min_slope : float
@@ -178,7 +178,7 @@ class IdentificationProblem:
     ) -> Form:
         """Return the program as a box in slope coordinates or with partial-sum rows in weight coordinates.
 
-        In slope coordinates the variables may be those of another problem, ``like``, whose P then has the unit
+        In slope coordinates the variables may be scaled as in another problem, ``like``, whose P then has the unit
         diagonal.
         """
         if coordinates not in ("slope", "weight") or scaling not in ("scaled", "raw"):
@@ -222,7 +222,7 @@ class IdentificationProblem:
         return float(0.5 * w @ self.P @ w + self.q @ w + self.c)
 
     def excitation_report(self) -> ExcitationReport:
-        """Report unreached thresholds and the condition of the program."""
+        """Report the unreached thresholds and the condition number of the program."""
         P, reached = self._data_in_slopes[0], self.reached
         names = np.array(self.structure.weight_names)
         if not reached.any():

@@ -1,9 +1,9 @@
-"""JSON files with schemas; any violation is one sentence that names the file and the field.
+"""JSON files with schemas; any violation gives one sentence that names the file and the field.
 
-A schema is a dataclass, a ``TypedDict`` or a ``msgspec.Struct`` whose annotations may have ranges. Numbers beyond
-doubles, unknown fields, invalid UTF-8 and endless nesting are refused like wrong types. A versioned file begins with
-two more fields, ``{"format": …, "version": …}``. An array is ``{"dtype": …, "shape": […], "base64": …}``, and numbers
-that JSON lacks are ``{"float": "nan"}`` and the like.
+A schema is a dataclass, a ``TypedDict`` or a ``msgspec.Struct`` whose annotations may have ranges. Numbers that are no
+doubles, unknown fields, invalid UTF-8 and excessive nesting are refused like wrong types. A versioned file also has the
+fields ``{"format": …, "version": …}``. An array is stored as ``{"dtype": …, "shape": […], "base64": …}``, and numbers
+that JSON lacks as ``{"float": "nan"}`` and the like.
 """
 
 import base64
@@ -20,7 +20,7 @@ import numpy as np
 T = TypeVar("T")
 
 LARGEST = 1e100
-"""Largest number of a model: far above all quantities, and small enough for sums of squares in doubles."""
+"""Largest number in a model: far above all physical values, and small enough for sums of squares in doubles."""
 Number = Annotated[float, msgspec.Meta(ge=-LARGEST, le=LARGEST)]
 FileName = Annotated[str, msgspec.Meta(pattern=r"^[^/\x00-\x1f]{1,200}$")]
 
@@ -37,8 +37,7 @@ class Versioned(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
 
 
 def read(path: str | Path, schema: type[T], refused: type[ValueError] = ValueError) -> T:
-    """The content of a file; the error is one sentence that names the file, and why it cannot be read or which field is
-    wrong."""
+    """The content of a file; the error is a sentence that names the file, and the reason or the wrong field."""
     try:
         return decoded(Path(path).read_bytes(), schema)
     except FileNotFoundError:

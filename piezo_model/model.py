@@ -2,9 +2,9 @@
 
     y = S[ H[x] + K[x] + offset ],   H[x] = Σ w_Hi H_rHi[x],   K[x] = Σ w_Ki K_rKi[x],   S[u] = Σ w_Si S_rSi(u)
 
-The identification finds S⁻¹ (weights w'_S over the thresholds r'_S of the structure), so these are what the model
-stores; S is their analytic inverse. K_rKi is the sum of one creep state per rate, all with the weight w_Ki. Structural
-dynamics may follow (`dynamics`).
+The identification gives S⁻¹ (weights w'_S over the thresholds r'_S of the structure), which the model stores; S is its
+analytic inverse. K_rKi is the sum of one creep state per rate, all with the weight w_Ki. Structural dynamics may follow
+(`dynamics`).
 
 Source: K. Kuhnen, European Journal of Control 9 (2003) 407–418; `operators` for the elementary operators.
 """
@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 from piezo_model import checks, json_file, simulation
 from piezo_model.atomic_file import write_text
 from piezo_model.core import Immutable
-from piezo_model.dynamics import Dynamics, late
+from piezo_model.dynamics import Dynamics, delayed
 from piezo_model.json_file import LARGEST, Number, ReadOnly, packed, unpacked
 from piezo_model.operator_state import OperatorState, States
 from piezo_model.structure import SMALLEST, ModelStructure
@@ -41,25 +41,25 @@ StartChoice = Literal["recording", "rest"]
 
 
 class ModelError(ValueError):
-    """An invalid model, or a file that is not a model; the message is one sentence with the reason."""
+    """An invalid model, or a file that is not a model; the message is a sentence with the reason."""
 
 
 @dataclass(frozen=True)
 class Provenance:
-    """The recording of the identification."""
+    """The recordings from which a model was identified."""
 
     recording: str
-    """Its digest."""
+    """Digest of the first recording."""
     skipped: Annotated[int, msgspec.Meta(ge=0)]
-    """First samples that were not counted."""
+    """Number of first samples that were not counted."""
     later: tuple[States, ...]
     """States before each part but the first."""
     others: tuple[str, ...] = ()
-    """Digests of the other recordings, of several."""
+    """Digests of the other recordings."""
 
     @property
     def digests(self) -> tuple[str, ...]:
-        """Those of all recordings."""
+        """Digests of all recordings."""
         return self.recording, *self.others
 
 
@@ -98,22 +98,23 @@ class HysteresisCreepModel(Immutable):
     offset : float
         Constant inside S, in normalised units.
     report : mapping
-        Results of the identification, which inform; stored with the model.
+        Results of the identification, for information; stored with the model.
     start : OperatorState, optional
-        Identified states before the first sample of the recording that the model was identified from.
+        Identified states before the first sample of the recording of the identification.
     dynamics : Dynamics, optional
-        Resonance, delay and lag behind equation (2); none by default.
+        Resonance, delay and lag in addition to equation (2); none by default.
     left_out : Dynamics, optional
-        Those of the stage if the model has less of them; a loop around the stage meets them all the same.
+        Dynamics of the stage that the model does not have, or has only in part; they still act in a loop around the
+        stage.
     sensor_delay_s : float
-        Delay of the sensor that the recording had, and the model is without; a loop that the sensor closes has it.
+        Delay of the sensor that is not in the model; it still acts in a loop that the sensor closes.
     fitted : Provenance, optional
-        The recording that the weights were identified from.
+        The recordings from which the weights were identified.
 
     Raises
     ------
     ModelError
-        If the model could not be inverted.
+        If the model is not invertible.
     """
 
     structure: ModelStructure
@@ -215,8 +216,7 @@ class HysteresisCreepModel(Immutable):
             period.
         state : OperatorState, optional
             States before the first sample. By default, for a recording the states that fit it best, as in the
-            identification; for an array the model's :attr:`start`, and without one those of a compensator's stage at
-            rest.
+            identification; for an array the model's :attr:`start`, or else those of a compensator's stage at rest.
 
         Returns
         -------
@@ -241,7 +241,7 @@ class HysteresisCreepModel(Immutable):
         return simulation.respond(self.structure, self.arrays, self.dynamics, drive, state)
 
     def advance(self, x: ArrayLike, state: OperatorState) -> tuple[Vector, OperatorState]:
-        """Output of the model for a part of a signal; ModelError for a model with dynamics.
+        """Output of the model for a chunk of a signal; ModelError for a model with dynamics.
 
         Parameters
         ----------
@@ -255,7 +255,7 @@ class HysteresisCreepModel(Immutable):
         y : array (N,)
             Output in the structure's output unit.
         state : OperatorState
-            States after the last sample, for the next part.
+            States after the last sample, for the next chunk.
 
         Examples
         --------
@@ -267,74 +267,74 @@ class HysteresisCreepModel(Immutable):
         ([0.0, 0.75], [0.25])
         """
         if self.dynamics is not None:
-            raise ModelError(f"parts are of hysteresis and creep alone, and the model has {self.dynamics}; use static")
+            raise ModelError(f"advance needs a model without dynamics, and this one has {self.dynamics}; use static")
         OperatorState.check_fits(state, self.structure)
         (x,) = checks.vectors(x=x)
         return simulation.advance(self.structure, self.arrays, x, state)
 
     @property
     def static(self) -> HysteresisCreepModel:
-        """The model without dynamics, with a warning if it has some."""
+        """The model without its dynamics, with a warning if there are any."""
         if self.dynamics is None:
             return self
         return replace(self, dynamics=None, left_out=self.dynamics)
 
     @property
-    def seen(self) -> HysteresisCreepModel:
-        """The model with the delay of its sensor."""
-        return replace(self, dynamics=late(self.dynamics, self.sensor_delay_s), left_out=None, sensor_delay_s=0.0)
+    def with_sensor(self) -> HysteresisCreepModel:
+        """The model with the delay of its sensor, as in a recording."""
+        return replace(self, dynamics=delayed(self.dynamics, self.sensor_delay_s), left_out=None, sensor_delay_s=0.0)
 
     def with_dynamics_of(self, other: HysteresisCreepModel) -> HysteresisCreepModel:
-        """These weights with the dynamics of another model, and those that it leaves out."""
+        """These weights with the dynamics of another model, including those that it leaves out."""
         return replace(self, dynamics=other.dynamics, left_out=other.left_out, sensor_delay_s=other.sensor_delay_s)
 
     def require_stable(self, integral_gain: float, *, inverts: bool = True) -> float:
-        """The stability limit of the gain of integral action, in 1/s, with the dynamics of the stage and its sensor,
-        also those that are left out of the model; infinite without any. ModelError if the gain is not below it."""
+        """The stability limit of the gain of integral action, in 1/s, with all dynamics of the stage and its sensor,
+        even if the model leaves them out; infinite without dynamics. ModelError if the gain is not below the limit."""
         inverted, dynamics = (
             self.dynamics if inverts else None,
-            late(self.left_out or self.dynamics, self.sensor_delay_s),
+            delayed(self.left_out or self.dynamics, self.sensor_delay_s),
         )
         if dynamics is None:
             return math.inf
         most = dynamics.largest_gain(self.structure.sample_time, inverted)
         if integral_gain >= most:
             raise ModelError(
-                f"integral_gain must be below {most:.4g} per second, not {integral_gain:g}: beside {dynamics}"
+                f"integral_gain must be below {most:.4g} per second, not {integral_gain:g}: with {dynamics}"
                 f"{', which are not inverted' * (inverted is None)}, the loop would be unstable"
             )
         return most
 
     @property
     def warning(self) -> str:
-        """A warning for a forced model, one without the dynamics of the stage, and one with a delay at another
-        sampling period; "" for any other model."""
-        without = "the fastest modes, of which it has the static gain," if self.dynamics else "dynamics"
+        """A warning for a model that was forced, lacks dynamics of the stage, or has a delay and another sampling
+        period than that of its identification; "" for any other model."""
+        without = "has only the static gain of the fastest modes" if self.dynamics else "has no dynamics"
         left_out = self.left_out and f"the stage has {self.left_out}"
-        reasons = {"was forced": self.report.get("refusal"), f"is without {without}": left_out}
+        reasons = {"was forced": self.report.get("refusal"), without: left_out}
         sentences = [f"The model {how} although {why}." for how, why in reasons.items() if why is not None]
         now, own = self.structure.sample_time, self.report.get("sample_time_s")
         if self.dynamics is not None and isinstance(own, float) and not math.isclose(now, own, rel_tol=1e-6):
             wrong = f"{quantity(abs(own - now), 's', 3)} too {'long' if own > now else 'short'}"
             sentences.append(
                 f"The model was identified with a sample every {quantity(own, 's', 3)} and has one every "
-                f"{quantity(now, 's', 3)}: its delay counts from the end of the sampling interval, and is {wrong} if "
-                "the sensor is read at the start."
+                f"{quantity(now, 's', 3)}: its delay is counted from the end of the sampling interval, and is {wrong} "
+                "if the sensor is read at the start of the interval."
             )
         return " ".join(" ".join(sentences).split())
 
     def at(self, sample_time: float) -> HysteresisCreepModel:
-        """The same model at another sampling period in s, which a controller or a signal may have.
+        """The same model at another sampling period in s, as of a controller or a signal.
 
-        Plays depend on no time, and the rates of creep are in 1/s, so weights and states stay. The report is that of
-        the identification, with its sampling period as ``sample_time_s``. The model itself is returned for its own
-        period, and for one that differs by no more than the rounding of a clock, a millionth. A mode above 35 % of the
-        sampling rate becomes its static gain, and ``left_out`` and the warning say so.
+        Plays do not depend on time, and creep rates are in 1/s, so weights and states are unchanged. The report is that
+        of the identification, with its sampling period as ``sample_time_s``. The model itself is returned for its own
+        period, within one millionth for the rounding of a clock. A mode above 35 % of the sampling rate is reduced to
+        its static gain, which is shown by ``left_out`` and the warning.
 
         Raises
         ------
         StructureError, ModelError
-            The sampling period is not positive, or out of range, or too short for the dynamics.
+            The sampling period is out of range, or too short for the dynamics.
 
         Examples
         --------
@@ -357,8 +357,8 @@ class HysteresisCreepModel(Immutable):
         )
 
     def initial_state(self, start: StartChoice | None = None) -> OperatorState:
-        """States before a signal: those before the recording of the identification, or of a compensator's stage at
-        rest; by default the former, if the model has them."""
+        """States before a signal: those before the recording of the identification, or those of a compensator's stage
+        at rest; by default the former, if the model has them."""
         checks.one_of(get_args(StartChoice), start="rest" if start is None else start)
         if start == "recording" and self.start is None:
             raise ModelError("the model has no states from before a recording; begin at rest")
@@ -368,12 +368,12 @@ class HysteresisCreepModel(Immutable):
 
     @property
     def starts(self) -> list[OperatorState]:
-        """The states before each part of the recording of the identification; empty without one."""
+        """The states before each part of the recording of the identification; empty without a recording."""
         later = () if self.fitted is None else self.fitted.later
         return [] if self.start is None else [self.start, *(OperatorState.from_dict(z, self.structure) for z in later)]
 
     def validate(self, recording: Recording) -> Validation:
-        """Judge the model on a recording, other than that of its identification if it is to be evidence.
+        """Validate the model on a recording, which should not be that of its identification.
 
         Raises
         ------
@@ -389,7 +389,7 @@ class HysteresisCreepModel(Immutable):
     def figures(self) -> dict[str, tuple[float, float | None, float | None]]:
         """Data-sheet figures by name: the value and the ends of its interval at 95 %, if there is one.
 
-        Gain in output unit per input unit, hysteresis in % of the loop, creep in % a decade of time, and the offset in
+        Gain in output unit per input unit, hysteresis in % of the loop, creep in % per decade of time, and offset in
         the input unit; see :mod:`piezo_model.figures`.
 
         Examples

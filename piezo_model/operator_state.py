@@ -1,7 +1,7 @@
-"""States and parameters of the operators of one structure, laid out as the core takes them.
+"""States and parameters of the operators of a structure, in the layout of the core.
 
 The operators come in blocks of eight (``solvers/core/vec8.h``). Play and creep share the thresholds r_0 = 0 < r_1 < … <
-r_n, padded with zeros to a multiple of eight, the structure's ``lanes``; creep states stand rate by rate.
+r_n, padded with zeros to a multiple of eight, the structure's ``lanes``; creep states are ordered by rate.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class States(TypedDict):
 
 @dataclass
 class OperatorState(Stateful):
-    """States of the play and creep operators, which are in normalised units inside.
+    """States of the play and creep operators, in normalised units.
 
     Attributes
     ----------
@@ -66,14 +66,14 @@ class OperatorState(Stateful):
         x : float
             In the structure's input unit.
         came_from : "above" or "below", optional
-            The direction of the last long movement, through more than twice the largest threshold. By default the
-            actuator went through the structure's range with swings that died away at x: in the middle of the range
+            The direction of the last long movement, over more than twice the largest threshold. By default the actuator
+            was driven through the structure's range with oscillations that decayed to x: in the middle of the range
             this demagnetises it, so that no play is displaced, and at the low end it is the same as from above.
 
         Raises
         ------
         ValueError
-            If x is not finite, or for another direction.
+            If x is not finite, or the direction is another one.
         """
         checks.finite(x=x)
         checks.require(lambda value: value in ("above", "below", None), "'above', 'below' or None", came_from=came_from)
@@ -86,7 +86,7 @@ class OperatorState(Stateful):
     def before_drive(
         cls, structure: ModelStructure, x_limits: tuple[float, float] | None = None, x_start: float | None = None
     ) -> OperatorState:
-        """States settled where the stage is before the first drive; see :func:`drive_start`.
+        """States settled at the position of the stage before the first drive; see :func:`drive_start`.
 
         The limits are the structure's range by default.
         """
@@ -127,7 +127,7 @@ class OperatorState(Stateful):
     def rescaled_to(self, structure: ModelStructure, other: ModelStructure) -> OperatorState:
         """Convert the states to the thresholds and input range of another structure with the same creep rates.
 
-        Beyond the largest old threshold the last state is used; a drive through the range wipes out its error.
+        Beyond the largest old threshold the last state is used; a drive through the range erases its error.
         """
         scale, shift = other.x_scale / structure.x_scale, (other.x_centre - structure.x_centre) / structure.x_scale
         r, thresholds = structure.thresholds, scale * other.thresholds
@@ -144,14 +144,14 @@ class OperatorState(Stateful):
 
 
 def drive_start(low: ArrayLike, high: ArrayLike, x_start: ArrayLike | None = None) -> Vector:
-    """Where a stage is before the first drive, from which a rate limit counts; in the input unit.
+    """The drive at which the stage rests before the first sample, and from which a rate limit applies.
 
     Parameters
     ----------
     low, high : float or array (count,)
         Limits of the drive.
     x_start : float or array (count,), optional
-        At rest by default: 0, or the limit next to it.
+        By default at rest: 0, or the limit nearest to 0.
 
     Returns
     -------
@@ -160,7 +160,7 @@ def drive_start(low: ArrayLike, high: ArrayLike, x_start: ArrayLike | None = Non
     Raises
     ------
     StructureError
-        It is outside of the limits.
+        It is outside the limits.
 
     Examples
     --------

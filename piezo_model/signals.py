@@ -19,9 +19,9 @@ from piezo_model import checks
 from solvers.arrays import Vector
 
 TRIANGLES = (0.3, 0.06, 0.012)
-"""Durations of the triangles of an excitation, as shares of all."""
+"""Durations of the triangles of an excitation, relative to the whole."""
 SLOWEST, FEWEST = 2.0, 2000
-"""First frequency of the swept sine in cycles over its duration; fewest samples of an excitation."""
+"""Initial frequency of the swept sine in cycles per duration; fewest samples of an excitation."""
 SWEPT = 20
 """Samples in the last period of the swept sine."""
 
@@ -215,10 +215,10 @@ def smoothed(steps: Vector, step_s: float, sample_time: float) -> Vector:
 def excitation(*, duration_s: float, sample_time: float, low: float, high: float, step_s: float = 5e-3) -> Vector:
     """Drive that determines hysteresis, creep, a drift of the sensor and dynamics; it starts and ends at low.
 
-    Decaying triangles of three speeds, each five times as fast as the one before, move every play at every amplitude.
-    Two holds, each a sixth of the duration, show creep. A sine swept up to a twentieth of the sampling rate, of an
-    amplitude that falls as 1/f so that its speed stays bounded, shows dynamics. In between the drive rests at low,
-    which shows a drift.
+    Decaying triangles at three speeds, each five times as fast as the previous one, move every play at every amplitude.
+    Two holds, each a sixth of the duration, show creep. A sine swept up to a twentieth of the sampling rate, with an
+    amplitude that falls as 1/f to bound its speed, shows dynamics. In between the drive rests at low, which shows a
+    drift.
 
     Parameters
     ----------

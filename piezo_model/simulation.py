@@ -1,4 +1,4 @@
-"""Simulation of equation (2) from the weights of a structure, as the core takes them."""
+"""Simulation of equation (2) by the core, from the weights of a structure."""
 
 from collections.abc import Sequence
 
@@ -27,7 +27,7 @@ def all_weights(s: ModelStructure, w: Vector) -> Vector:
 
 
 def arrays_of(s: ModelStructure, weights: Vector) -> Arrays:
-    """Parameters of the core for all weights, of which those of S are inverted."""
+    """Parameters of the core from all weights; those of S are inverted."""
     w_H, w_S_inverse, w_K, offset = split(s, weights)
     w_S, r_S = invert_superposition(w_S_inverse, np.array(s.dead_zone_thresholds))
     creeps = np.tile(pad(w_K, s.lanes), len(s.creep_rates))  # for every state, rate by rate
@@ -36,7 +36,7 @@ def arrays_of(s: ModelStructure, weights: Vector) -> Arrays:
 
 
 def advance(s: ModelStructure, arrays: Arrays, x: Vector, state: OperatorState) -> tuple[Vector, OperatorState]:
-    """Output (N,) for an input (N,), in the structure's units, and the states after it; the given ones are copied."""
+    """Output (N,) for an input (N,), in the structure's units, and the states after it; ``state`` is not changed."""
     state, unit_x = state.copy(), s.unit_input(x)
     y = np.empty_like(unit_x)
     bindings.model_simulate(*arrays, state.play, state.creep, unit_x, y)
@@ -44,7 +44,7 @@ def advance(s: ModelStructure, arrays: Arrays, x: Vector, state: OperatorState) 
 
 
 def behind_amplifier(s: ModelStructure, dynamics: Dynamics | None, x: Vector, state: OperatorState) -> Vector:
-    """The input (N,) that the actuator receives behind the amplifier, which was settled at the states before."""
+    """The input (N,) of the actuator behind the amplifier, which was in equilibrium at the initial states."""
     before = s.x_centre + s.x_scale * float(state.play[0])
     return x if dynamics is None else dynamics.amplified(x, s.sample_time, before)
 
@@ -59,7 +59,7 @@ def before_dynamics(
 def behind_dynamics(
     s: ModelStructure, arrays: Arrays, dynamics: Dynamics | None, static: Vector, state: OperatorState
 ) -> Vector:
-    """Output (N,) behind the dynamics for that before them; they are balanced at the states before the first sample."""
+    """Output (N,) behind the dynamics, for the output before them, from equilibrium at the initial states."""
     if dynamics is None:
         return static
     balance = advance(s, arrays, np.array([s.x_centre + s.x_scale * state.play[0]]), state)[0]

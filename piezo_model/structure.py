@@ -1,14 +1,15 @@
 """The structure of a model, everything but its weights: orders, thresholds, creep rates, ranges and units.
 
-Inside, amplitudes and thresholds are in normalised units, x̃ = (x − x_centre) / x_scale and
-ỹ = (y − y_centre) / y_scale; outside, everything is in the units of the user. An output that falls as the input rises
-has y_scale < 0, which turns its sign and nothing else. The unknowns of the identification (5), with w_H0 = 1, stand in
-this order:
+Internally, amplitudes and thresholds are in normalised units, x̃ = (x − x_centre) / x_scale and
+ỹ = (y − y_centre) / y_scale; externally, everything is in the units of the user. If the output falls as the input
+rises, y_scale < 0, which reverses the sign of the output and nothing else. The order of the unknowns of the
+identification (5), with w_H0 = 1, is
+
 
     w = (w_H1 … w_Hn,  w'_S,−m … w'_S0 … w'_Sm,  w_K0 … w_Kn,  [offset])        d = n + (2m + 1) + (n + 1) [+ 1]
 
-In *slope coordinates* v the 2m + 1 weights w'_S are replaced by their partial sums outwards from zero, which are the
-slopes of the piecewise linear S⁻¹ (``slope_map``), and the admissible set becomes a box (``lower_bounds``).
+In *slope coordinates* v the 2m + 1 weights w'_S are replaced by their partial sums outwards from zero, the slopes of
+the piecewise linear S⁻¹ (``slope_map``), so that the admissible set is a box (``lower_bounds``).
 """
 
 from collections.abc import Mapping, Sequence
@@ -42,7 +43,7 @@ LONGEST_UNIT = 1000
 
 
 class StructureError(ValueError):
-    """An invalid model structure, or a start of the drive that does not fit; the message is one sentence that names the
+    """An invalid model structure, or a start of the drive outside its limits; the message is a sentence that names the
     field."""
 
 
@@ -53,9 +54,9 @@ class ModelStructure(Immutable):
     Parameters
     ----------
     play_thresholds : sequence of n floats
-        r_H1 < … < r_Hn > 0 in normalised units; r_H0 = 0 is implied. Creep has the same thresholds.
+        0 < r_H1 < … < r_Hn in normalised units; r_H0 = 0 is implied. Creep has the same thresholds.
     dead_zone_thresholds : sequence of 2m + 1 floats
-        Ascending, 0 among them, in normalised units: the thresholds r'_S of S⁻¹. The two sides may differ in number.
+        Ascending, including 0, in normalised units: the thresholds r'_S of S⁻¹, not necessarily as many on each side.
     creep_rates : sequence of floats
         In 1/s; the states of all rates at one threshold share one weight. Empty for a model without creep.
     sample_time : float
@@ -63,7 +64,7 @@ class ModelStructure(Immutable):
     x_centre, x_scale, y_centre, y_scale : float
         In the units of input and output; the scales are half the ranges, y_scale < 0 for a falling output.
     offset : bool
-        Whether a free constant is identified with the weights; real sensors have one.
+        Whether a constant is identified with the weights; real sensors have one.
     input_unit, output_unit : str
 
     Examples
@@ -122,7 +123,7 @@ class ModelStructure(Immutable):
                 raise ValueError(f"creep_rates must differ from each other, not {self.creep_rates}")
 
     def samples(self, seconds: float) -> int:
-        """Number of samples in a time, at least one."""
+        """Number of samples in a duration in s, at least one."""
         return max(1, round(seconds / self.sample_time))
 
     @classmethod
@@ -139,9 +140,9 @@ class ModelStructure(Immutable):
         input_unit: str = "V",
         output_unit: str = "um",
     ) -> Self:
-        """Thresholds equidistant over the amplitude range, as in the paper: r_Hi = i/(n+1), r'_Si = i/(m+1).
+        """Equidistant thresholds over the amplitude range, as in the paper: r_Hi = i/(n+1), r'_Si = i/(m+1).
 
-        The output falls as the input rises if ``y_range`` is in descending order.
+        Give ``y_range`` in descending order if the output falls as the input rises.
         """
         with checks.refusing(StructureError):
             checks.whole(0, n=n, m=m)
@@ -172,7 +173,7 @@ class ModelStructure(Immutable):
         return self.y_scale < 0.0
 
     def reversed_output(self) -> Self:
-        """The structure of the same thresholds for an output of opposite sign.
+        """The same structure for an output of opposite sign.
 
         Examples
         --------
@@ -187,12 +188,12 @@ class ModelStructure(Immutable):
         )
 
     def in_units(self, input_unit: str, output_unit: str, name: str = "structure") -> Self:
-        """Return the structure in other units, with the same normalised values; where a unit is unknown, values stay.
+        """Return the structure in other units; values whose unit is unknown are kept.
 
         Raises
         ------
         UnitError
-            A unit measures something else; the sentence begins with ``name``.
+            A unit measures something else; the message begins with ``name``.
 
         Examples
         --------
@@ -298,7 +299,7 @@ class ModelStructure(Immutable):
 
     @cached_property
     def straight_line(self) -> Vector:
-        """Weights of the line that maps the input range to the output range: the prior without data."""
+        """Weights of the line from the input range to the output range, the prior without data."""
         w = np.zeros(self.d)
         w[self.n + self.middle] = 1.0
         return read_only(w)

@@ -1,6 +1,6 @@
-"""Units: read from the name of a column, stored in ASCII ("um"), shown as engineers write them ("37.9 µm").
+"""Units: parsed from column names, stored in ASCII ("um"), shown as engineers write them ("37.9 µm").
 
-Common units are in a table; the others are parsed by pint, which takes half a second to start.
+Common units are in a table; others are parsed by pint, which takes half a second to import.
 """
 
 import math
@@ -14,7 +14,7 @@ VOLTAGES = ("V", "mV", "kV", "uV")
 LENGTHS = ("um", "nm", "mm", "pm", "m")
 ANGLES = ("rad", "mrad", "urad", "deg")
 UNITS = frozenset((*SECONDS, *VOLTAGES, *LENGTHS, *ANGLES, "A", "mA", "N", "mN"))
-"""Units that are recognised as a bare suffix; in brackets any unit is."""
+"""Units that are recognised as a bare suffix; in brackets every unit is."""
 _PREFIXES = {"n": "nano", "u": "micro", "m": "milli", "k": "kilo", "p": "pico", "c": "centi", "": ""}
 _WORDS = {
     "V": ("volt", "volts"),
@@ -103,19 +103,19 @@ _LENGTH, _SPEED = (
         r"[\s_]([nmuk]?(rad|m|V)|deg)/(m|u|n)?s$",
     )
 )
-"""Names of what is measured in inches, and units of a speed, whose seconds are not those of a time."""
+"""Names of quantities measured in inches, and units of a speed, in which the seconds are not a unit of time."""
 LONGEST_NAME, LONGEST_UNIT = 200, 40
-"""Characters of a column's name in which a unit is looked for, and of a unit that pint is asked for."""
+"""Most characters of a column name in which a unit is looked for, and of a unit that is parsed by pint."""
 _FACTOR = r"[^\W\d][\w°]*(?:(?:\^|\*\*)-?\d)?"
 COMPOUND = re.compile(rf"{_FACTOR}(?:[*/·]{_FACTOR})*")
-"""Units with exponents of one digit; pint would raise numbers of a file to the power of others for hours."""
+"""Units with one-digit exponents; pint would compute large powers of numbers in a file for hours."""
 SMALLEST_PERCENT = 1e-4
-"""Below this a percentage is rounding, and its digits say nothing."""
+"""Percentages below this are rounding errors, whose digits mean nothing."""
 SHOWN = {"deg": "°", "degC": "°C", "angstrom": "Å", "percent": "%"}
 
 
 class UnitError(ValueError):
-    """A unit that measures something else than the expected one; the message is one sentence."""
+    """A unit of another quantity than expected; the message is a sentence."""
 
 
 def split_unit(column: str) -> tuple[str, str]:
@@ -146,7 +146,7 @@ def split_unit(column: str) -> tuple[str, str]:
 
 
 def canonical(text: str) -> str:
-    """A unit as it is stored, or "" for a text that is not a unit.
+    """The stored form of a unit, or "" for a text that is not a unit.
 
     >>> canonical("µm"), canonical("Volts"), canonical("kV/cm"), canonical("piezo")
     ('um', 'V', 'kV/cm', '')
@@ -175,15 +175,15 @@ def seconds(unit: str) -> float | None:
 
 
 def conversion(name: str, role: str, unit: str, to: str) -> tuple[float, str]:
-    """Factor from the unit of a signal to another one, and a clause if that changes values or one unit is not known.
+    """Factor from the unit of a signal to another, and a clause if this changes values or one unit is unknown.
 
-    An unknown unit is "", and values are then taken as they are. A unit that pint does not know, such as digits, is
-    compatible with itself only.
+    With an unknown unit, "", the values are kept. A unit that pint does not know, such as digits, is compatible only
+    with itself.
 
     Raises
     ------
     UnitError
-        The units measure different things; the sentence names the file, the role and both.
+        The units measure different quantities; the message names the file, the role and both units.
 
     Examples
     --------

@@ -41,7 +41,7 @@ from piezo_model.units import quantity
 
 MOST = 200
 """Largest order: more operators take minutes, and describe no stage better."""
-CANDIDATES = ("n", "m", "creep rates, 1/s", "unknowns", "error of the output, % of range", "criterion", "")
+CANDIDATES = ("n", "m", "creep rates, 1/s", "unknowns", "RMS error, % of range", "criterion", "")
 SHOWN = 8
 """Rows of the table of candidates; the page has all."""
 
@@ -73,7 +73,7 @@ def identify_verb(
             "--rates",
             "--creep-rates",
             metavar="RATES",
-            help="Creep rates in 1/s, separated by commas, or 'none'; where the data determine creep by default.",
+            help="Creep rates in 1/s, separated by commas, or 'none'; by default as the data determine.",
         ),
     ] = None,
     skip: Annotated[
@@ -82,16 +82,14 @@ def identify_verb(
     ] = None,
     lag: Annotated[
         LagChoice,
-        typer.Option(help="Whether to estimate a lag, to remove it as the sensor's, or to ignore it."),
+        typer.Option(help="Whether to estimate a lag, remove it as that of the sensor, or ignore it."),
     ] = "estimate",
     dynamics: Annotated[
         DynamicsChoice,
-        typer.Option(
-            help="Whether to estimate a resonance and its delay where the data determine them, or to ignore them."
-        ),
+        typer.Option(help="Whether to estimate a resonance and its delay if the data determine them, or ignore them."),
     ] = "estimate",
     estimator: Annotated[
-        Estimator, typer.Option(help="Whether to minimise the error of the output, or the paper's error model alone.")
+        Estimator, typer.Option(help="Whether to minimise the output error, or only the paper's error model.")
     ] = "forward",
     solver: SolverName = "box_active_set",
     force: Annotated[
@@ -105,7 +103,7 @@ def identify_verb(
     """Identify a model of hysteresis and creep from a recording, or from several of one stage, such as a slow and a
     fast one; or with --out-dir a model from each of many.
 
-    It reports how well the model fits and what the recordings lack; --page draws the fit of one.
+    It reports how well the model fits and what the recordings lack; --page draws the fit of one recording.
     """
     file = recording_of(recording, reading)
     job = jobs.Identifying(reading, n, m, _rates(creep_rates), skip, lag, dynamics, estimator, solver, force)
@@ -192,8 +190,8 @@ def validate_verb(
 ) -> None:
     """Check a model against another recording than that of its identification, or against many.
 
-    The initial states are estimated as in identify; a constant shift of the output between the two sessions is removed
-    and reported. A sentence says if the model was fitted to the recording itself.
+    The initial states are estimated as in identify; a constant shift of the output between the two recordings is
+    removed and reported. A sentence says if the model was fitted to this recording.
     """
     file = recording_of(recording, reading)
     job = jobs.Validating(str(local(model)), reading)
@@ -320,16 +318,16 @@ def compensate_verb(
     file = Path(reference[0])
     check_writable(out, others=[file, model])
     result = job.do(file, [Path(model)], out)
-    follows = f"to {100.0 * jobs.FOLLOWED:g} % of its range"
+    follows = f"within {100.0 * jobs.FOLLOWED:g} % of the output's range"
     misses = quantity(result["largest_error"], result["output_unit"], 3)
     lowest, highest = (quantity(result[end], result["unit"]) for end in ("lowest", "highest"))
     lines = [
         result["reading"],
-        f"The model follows {100.0 * result['share_followed']:.3g} % of the reference, {follows}; elsewhere it misses "
-        f"by up to {misses}."
+        f"The model follows {100.0 * result['share_followed']:.3g} % of the reference {follows}; the largest error is "
+        f"{misses}."
         if result["share_followed"] < 1.0
-        else f"The model follows all of the reference, {follows}.",
-        f"The output lags the reference by {quantity(result['lag_s'], 's', 3)}, after which these errors count."
+        else f"The model follows all of the reference {follows}.",
+        f"The output lags the reference by {quantity(result['lag_s'], 's', 3)}, after which these errors are computed."
         if result["lag_s"]
         else "",
         STARTS[result["start"]].format(quantity(result["x_start"], result["unit"])),

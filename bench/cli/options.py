@@ -149,7 +149,7 @@ READING: dict[str, Any] = {
     "table": Annotated[
         str | None,
         typer.Option(
-            metavar="NAME", help="Number or name of a table, where a file has several that can be the recording."
+            metavar="NAME", help="Number or name of a table, if a file has several that can be the recording."
         ),
     ],
     "resample": Annotated[
@@ -170,16 +170,14 @@ READING: dict[str, Any] = {
     "from_s": Annotated[
         float | None,
         typer.Option(
-            "--from", metavar="SECONDS", help="Start reading so many seconds after the first time, in each sweep."
+            "--from", metavar="SECONDS", help="Start reading so many seconds after the first time of each part."
         ),
     ],
     "to_s": Annotated[
         float | None,
-        typer.Option(
-            "--to", metavar="SECONDS", help="Stop reading so many seconds after the first time, in each sweep."
-        ),
+        typer.Option("--to", metavar="SECONDS", help="Stop reading so many seconds after the first time of each part."),
     ],
-    "decimate": Annotated[int | None, typer.Option(metavar="N", min=1, help="Read the first of every so many rows.")],
+    "decimate": Annotated[int | None, typer.Option(metavar="N", min=1, help="Read one row in N.")],
     "strict": Annotated[bool | None, typer.Option("--strict", help="Refuse a recording that needs repairs.")],
 }
 """Options of ``read_reference``, for every verb that opens a file of signals."""
@@ -241,8 +239,8 @@ StartOfModel = Annotated[
     StartChoice | None, typer.Option("--start", help=f"{_STATES}; by default recording, if the model has them.")
 ]
 STARTS = {
-    "recording": "Begins with the states that identify found before its recording.",
-    "rest": "Begins settled at {}.",
+    "recording": "The stage begins in the states that identify found before its recording.",
+    "rest": "The stage begins settled at {}.",
 }
 XStart = Annotated[
     float | None,
@@ -250,7 +248,7 @@ XStart = Annotated[
         "--x-start",
         metavar="X",
         help="Where the stage is before the first drive, in the input's unit; by default at rest, which is 0 or the "
-        "limit next to it.",
+        "limit nearest to 0.",
     ),
 ]
 NoDynamics = Annotated[

@@ -30,7 +30,7 @@ def excite_verb(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Write a drive to record: a model identified from it has hysteresis, creep, drift and dynamics determined."""
+    """Write a drive for a recording that determines hysteresis, creep, a drift of the sensor and dynamics."""
     check_writable(out)
     check_writable(page, "--page", [out])
     low, high = _limits(span)
@@ -50,7 +50,7 @@ def excite_verb(
         f"{drive.size} samples over {quantity(seconds, 's')}: decaying triangles at three speeds for hysteresis, two "
         f"holds of {quantity(seconds / 6.0, 's', 3)} for creep, rests at {quantity(low, unit)} for a drift of the "
         f"sensor, and a sine swept up to {quantity(rate / signals.SWEPT, 'Hz', 3)} for dynamics.",
-        f"Its steepest step is {quantity(fastest, f'{unit}/s', 3)}; an amplifier that is slower records another drive.",
+        f"Its steepest slope is {quantity(fastest, f'{unit}/s', 3)}; a slower amplifier changes the drive.",
         f"Drive: {out}",
         f"Page: {page}" if page else "",
     ]

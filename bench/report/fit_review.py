@@ -42,7 +42,7 @@ class Review:
 
     @property
     def error(self) -> Vector:
-        """Measured minus model_output, output unit, shape (N,)."""
+        """Measured minus modelled, output unit, shape (N,)."""
         return self.y - self.y_model
 
     def spectrum(self) -> tuple[Vector, Vector]:
@@ -56,7 +56,7 @@ class Review:
         if self.fitted:
             yield from self.model.report["advice"]
         if independent_samples([self.error[self.skipped :]]) > WHITE * (self.error.size - self.skipped):
-            yield "The error is white, as noise is: a higher order would gain little."
+            yield "The error is white noise: higher orders would gain little."
 
 
 def review(recording: Recording, model: HysteresisCreepModel, validation: Validation | None = None) -> Review:
@@ -77,7 +77,7 @@ def review(recording: Recording, model: HysteresisCreepModel, validation: Valida
         model,
         part.x,
         part.y,
-        model_output(model.seen, part, states, skip),
+        model_output(model.with_sensor, part, states, skip),
         skip,
         _weights(problem, model.weights, known),
         (*sentences, *(f"{remark[0].upper()}{remark[1:]}." for remark in recording.notes)),

@@ -62,13 +62,13 @@ def _tried(review: Review) -> tuple[list[Figure], list[Table]]:
     figure = Figure(
         "orders",
         "Orders",
-        "Error of the output to first order against the number of unknowns; a point is a model, the ring the one "
-        "chosen.",
+        "RMS error to first order against the number of unknowns; each point is a model, and the ring marks the chosen "
+        "one.",
         data.sort_values("rates", kind="stable", ignore_index=True),
         [
             Plot(
                 Axis("d", "unknowns"),
-                Axis("error_percent", "error of the output, % of range"),
+                Axis("error_percent", "RMS error, % of range"),
                 marks,
                 ("n", "m", "per_s", "error_percent"),
                 height=300,
@@ -92,7 +92,7 @@ def _tried(review: Review) -> tuple[list[Figure], list[Table]]:
         "m",
         "creep rates, 1/s",
         "unknowns",
-        "error of the output, % of range",
+        "RMS error, % of range",
         "information criterion above the smallest",
         "",
     )
@@ -116,7 +116,7 @@ def _loops(review: Review, input_unit: str, output_unit: str) -> Figure:
     return Figure(
         "loops",
         "Loops, measured and modelled",
-        "Output against input over the counted part of the recording.",
+        "Output against input over the counted samples.",
         table,
         [
             Plot(
@@ -144,8 +144,8 @@ def _error(review: Review, unit: str) -> Figure:
     return Figure(
         "error",
         "Error over time",
-        "Measured minus modelled output, through the lowest and highest of each stretch of time. A grey part at the "
-        "start is not counted; the axis ends at twice the largest counted error.",
+        "Measured minus modelled output: the lowest and the highest error in each interval of time. Grey samples at "
+        "the start are not counted; the axis ends at twice the largest counted error.",
         table,
         [
             Plot(
@@ -166,9 +166,8 @@ def _weights(review: Review) -> Figure:
     return Figure(
         "weights",
         "Weights",
-        "In normalised units with w_H0 = 1, with intervals at 95 % for these orders. Excitation is the RMS of the "
-        "operator's signal: a weight whose operator "
-        "hardly moves is hardly known.",
+        "In normalised units with w_H0 = 1, with 95 % intervals for these orders. Excitation is the RMS of the "
+        "operator's signal: the weight of an operator that hardly moves is hardly determined.",
         table,
         [
             Plot(
@@ -196,8 +195,8 @@ def _spectrum(review: Review, unit: str) -> Figure:
     return Figure(
         "spectrum",
         "Residual spectrum",
-        "Amplitude density of the error by Welch's method. Level: noise; rising to the left: something slow that "
-        "the model misses; a peak: a resonance or a hum.",
+        "Amplitude density of the error by Welch's method. A flat spectrum is noise, a rise to the left is something "
+        "slow that the model misses, and a peak is a resonance or mains hum.",
         table,
         [
             Plot(

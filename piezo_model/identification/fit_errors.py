@@ -45,12 +45,12 @@ class Fit:
         total = self.samples + self.skipped + self.missing
         every = f" of {total}" if total > self.samples else ""
         without = f" ({self.missing} not counted)" if self.missing else ""
-        unknown = "" if unit else " in the unit of the output, which the file does not say"
+        unknown = "" if unit else ", unit unknown"
         largest = f" ({quantity(self.max, unit, 2)}{unknown})" if self.max_percent >= SMALLEST_PERCENT else ""
         return (
-            f"{percent(self.line_percent)} with a line, {percent(self.rms_percent)} with this "
-            f"model{where and ' ' + where}: RMS error of the output as a share of its full range, "
-            f"over {self.samples}{every} samples{without}; the largest error is {percent(self.max_percent)}{largest}."
+            f"RMS error {percent(self.rms_percent)} of the output's range with this model{where and ' ' + where}, "
+            f"{percent(self.line_percent)} with a straight line, over {self.samples}{every} samples{without}; "
+            f"largest error {percent(self.max_percent)}{largest}."
         )
 
 

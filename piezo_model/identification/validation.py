@@ -45,7 +45,7 @@ class Validation:
     fit: Fit
     """The errors as in an identification, with ``shift`` removed."""
     shift: float
-    """Constant difference of the outputs, measured minus model_output, output unit."""
+    """Constant difference of the outputs, measured minus modelled, output unit."""
     states: States
     """Estimated states before the first sample of each part."""
     beyond_percent: float
@@ -100,11 +100,11 @@ class Validation:
 def validate(model: piezo_model.HysteresisCreepModel, recording: Recording) -> Validation:
     """Validate a model on a recording; see ``HysteresisCreepModel.validate``."""
     model = model.at(recording.sample_time)
-    s, own, seen = model.structure, was_fitted_to(model, recording), model.seen
-    states, skip = start_and_transient(seen, recording)
+    s, own, with_sensor = model.structure, was_fitted_to(model, recording), model.with_sensor
+    states, skip = start_and_transient(with_sensor, recording)
     recording = recording.in_units(s.input_unit, s.output_unit)
     low, high = y_range(recording, skip)
-    errors, counted = recording.y - model_output(seen, recording, states, skip), counted_from(recording, skip)
+    errors, counted = recording.y - model_output(with_sensor, recording, states, skip), counted_from(recording, skip)
     inside = errors[counted & (np.abs(s.unit_input(recording.x)) <= WITHIN)]
     shift = float(inside.mean()) if inside.size > FEWEST_INSIDE * np.count_nonzero(counted) else 0.0
     farthest = float(np.max(np.abs(s.unit_input(np.array(recording.x_range)))))

@@ -3,14 +3,14 @@
     u = (x − x_c) / (Δx / 2) ∈ [−1, 1],   v = Γ[u] ∈ [−1, 1],   y = y_c + v · Δy / 2
 
 with x_c, y_c the centres and Δx, Δy the widths of the ranges. The actuators are written in u and v, where all
-parameters are pure numbers, and each is normalised so that |v| ≤ 1 whatever the drive: y never leaves ``y_range``
-by more than rounding.
+parameters are dimensionless, and each is normalised so that |v| ≤ 1 for any drive: y never leaves ``y_range`` by more
+than rounding.
 
 Creep that grows like log t is a sum of first-order lags whose rates are spread over decades,
 
     z_j(k) = z_j(k−1) + (1 − e^(−a_j Ts)) (u(k−1) − z_j(k−1)),   K[u] = (1/J) Σ_j z_j
 
-(K. Kuhnen, F. Janocha, "Inverse feedforward controller for complex hysteretic nonlinearities in smart-material
+(K. Kuhnen, H. Janocha, "Inverse feedforward controller for complex hysteretic nonlinearities in smart-material
 systems", Control and Intelligent Systems 29 (2001), 74-83, with threshold 0).
 """
 
@@ -62,7 +62,7 @@ class Actuator(Plant):
     sample_time : float
         Sampling period, s.
     creep_share : float
-        Share of the displacement that is creep, from 0 (none) to below 1.
+        Fraction of the displacement that is creep, from 0 (none) to below 1.
     creep_rates_per_s : tuple of float
         Rates a_j of the creep, 1/s.
 
@@ -117,7 +117,7 @@ class Actuator(Plant):
         """Add the creep of the module to the output of a hysteresis operator, (N,) in [−1, 1]."""
         z = np.empty((u.size, self._a.size))
         bindings.creep(u, np.zeros(self._a.size), self._a, self._memory["z_creep"], z)
-        K = sum(z.T) / self._a.size  # rate by rate, so that one sample has the same bits as many
+        K = sum(z.T) / self._a.size  # rate by rate, so that chunks of any size give the same bits
         return (1.0 - self.creep_share) * hysteresis + self.creep_share * K
 
     def _rest_of_log_creep(self) -> Memory:

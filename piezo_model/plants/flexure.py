@@ -20,7 +20,7 @@ class Flexure(Plant):
     Parameters
     ----------
     plant : Plant
-        The actuator, which must not be driven in any other way afterwards.
+        The actuator, which must not be driven otherwise afterwards.
     dynamics : Dynamics
         Modes and delay; without the lag of an amplifier.
 

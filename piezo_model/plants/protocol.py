@@ -1,7 +1,8 @@
 """The protocol of a plant y(k) = Γ[x](k), from a drive voltage to a displacement, sample by sample.
 
-A plant is the truth of an experiment, so it is implemented independently of the identified model. A run in chunks gives
-the same bits as a single run. A copy of any kind includes the state (hysteresis, creep, noise) and is independent.
+A plant is the ground truth of an experiment, so it is implemented independently of the identified model. A run in
+chunks gives the same bits as a single run. A copy of any kind includes the state (hysteresis, creep, noise) and is
+independent.
 """
 
 from abc import ABC, abstractmethod

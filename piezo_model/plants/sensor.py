@@ -24,7 +24,7 @@ class Sensor(Plant):
     Parameters
     ----------
     plant : Plant
-        The measured plant, which must not be driven in any other way afterwards.
+        The measured plant, which must not be driven otherwise afterwards.
     noise_um : float
         σ, standard deviation of the noise, µm.
     quantum_um : float

@@ -1,16 +1,16 @@
-"""Recordings of an actuator: files of any format, read once into two arrays, repaired where that is safe.
+"""Recordings of an actuator: files of any format, read once into two arrays, and repaired if that is safe.
 
 path
- │   formats.open_tables  first bytes → one reader a format, which checks sizes before it reads
- │   opening.open_table   of several tables the one that can be the recording, or that the user names
+ │   formats.open_tables  first bytes → the reader of the format, which checks sizes before it reads
+ │   opening.open_table   of several tables, the one that can be the recording or that the user names
  ▼
 Table                     named columns (`array_table`, also of `Recording.of`; text and sheets: `layout`, `text_rows`)
- │   roles.choose_roles   by name, unit and elimination; times also by their values
+ │   roles.choose_roles   by name, unit and elimination; time also by its values
  │   Table.read           the chosen columns as float64, clocks as seconds (`clock_cells`)
  ▼
 Rows                      times and signals
  │   opening.read_signals unknown and bad values (`bad_values`), order, repeats and parts (`rows`), the period
- │                        (`clock`), an even clock, a question where the numbers cannot be in their units
+ │                        (`clock`), an even clock, a question if the values are implausible for their units
  ▼
 Recording(x, y)           with starts, uncounted and remarks (`recording`; in two files: `opening.joined`)
 """

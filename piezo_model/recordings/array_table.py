@@ -1,4 +1,4 @@
-"""A table of named arrays, as scientific formats hold them: any lengths, matrices, fields, batches of recordings."""
+"""A table of named arrays as in scientific formats: any lengths, matrices, fields, batches of recordings."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -20,7 +20,7 @@ from piezo_model.recordings.table import (
 )
 
 MOST_AXES = 3
-"""Most columns of two matrices that are axes of one stage; more of them are recordings. As many unread arrays are
+"""Most columns of two matrices that are axes of one stage (more are recordings), and most unread arrays that are
 named."""
 
 
@@ -30,20 +30,19 @@ class Arrays(NamedTuple):
     form: str
     """Name of the format, as a clause."""
     arrays: Mapping[str, Any]
-    """By name or path; they have a shape and a type. Those that are not in memory are read by ``[()]`` when they are
-    asked for."""
+    """By name or path; with a shape and a type. Arrays that are not in memory are read by ``[()]`` on request."""
     units: Mapping[str, str] = {}
     periods: Mapping[str, float | None] | float | None = None
     """Sampling period in seconds by name, or one for all."""
     nested: bool = True
-    """Whether the names are paths."""
+    """True if the names are paths."""
 
 
 def table_of(path: Path | str, contents: Arrays) -> Table:
-    """A table of what a reader has found.
+    """The table of what a reader returns.
 
     A matrix becomes columns ``name/1``, ``name/2``, …; matrices of one shape, with a time for each of their rows or
-    columns, are a batch of recordings, which follow each other.
+    columns, are a batch of recordings, which are concatenated.
     """
 
     def read(names: Iterable[str]) -> dict[str, Any]:
@@ -100,8 +99,8 @@ def table_of(path: Path | str, contents: Arrays) -> Table:
 def _batch_of(
     arrays: Mapping[str, Any], read: Callable[[Sequence[str]], dict[str, Any]]
 ) -> tuple[tuple[int, ...], bool] | None:
-    """The shape of a batch among some arrays, and whether each row is a recording, or each column: at least two
-    matrices of one shape, and times for one of its axes in a vector or in a third such matrix."""
+    """The shape of a batch among some arrays, and whether its rows (or else columns) are the recordings; None if there
+    are not two matrices of one shape, and times for one of its axes in a vector or in a third such matrix."""
     shapes = {n: tuple(k for k in a.shape if k != 1) for n, a in arrays.items() if a.dtype.kind in "iuf"}
     lengths = {shape[0] for shape in shapes.values() if len(shape) == 1}
     common = Counter(shape for shape in shapes.values() if len(shape) == 2).most_common(1)
@@ -119,7 +118,7 @@ def _batch_of(
 
 
 def _joined(array: np.ndarray, shape: tuple[int, ...], in_rows: bool) -> np.ndarray:
-    """All recordings of a batch after each other, or their common times as often; other arrays as they are."""
+    """The concatenated recordings of a batch, or their common times repeated for each; other arrays as they are."""
     if array.shape == shape:
         return (array if in_rows else array.T).ravel()
     return np.tile(array, shape[not in_rows]) if array.shape == shape[in_rows : in_rows + 1] else array

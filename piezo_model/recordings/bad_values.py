@@ -1,11 +1,11 @@
-"""Values that were not measured: unknown ones, which are missing, infinite, or codes such as 9.9e37; isolated bad
-samples, each far from both of its neighbours, to which the other signal shows nothing; and one value beyond all others,
-to which the output drops out again and again.
+"""Values that were not measured: unknown values, which are missing, infinite, or codes such as 9.9e37; isolated bad
+samples, far from both neighbours and without effect on the other signal; and dropouts, in which the output repeatedly
+takes one value beyond all others.
 
-An unknown output is not counted, of any length, up to half of the rows. An unknown drive is interpolated over a few
-rows; over more of them the states of the operators are not known afterwards, so the rows are cut out and a part begins.
+Unknown outputs are not counted, in gaps of any length, up to half of the rows. An unknown drive is interpolated over a
+few rows; after a longer gap the states of the operators are unknown, so its rows are cut out and a new part begins.
 
-Real jumps of a drive stay, come again, or move the output; a bad sample does none of this. The drive there is replaced
+A real jump of the drive persists, recurs, or moves the output; a bad sample does none of this. A bad drive is replaced
 before the operators see it, and the sample is not counted.
 """
 
@@ -19,40 +19,40 @@ from piezo_model.recordings.table import ABSURD, RecordingError
 from solvers.arrays import Index, Mask, Vector
 
 MOST_MISSING = 0.5
-"""Largest share of rows without an output, or that are cut out."""
+"""Largest fraction of rows without an output, or cut out."""
 LONGEST_FILL = 10
-"""Most missing values of the drive in a row that are interpolated."""
+"""Most consecutive missing values of the drive that are interpolated."""
 FILLED = 0.01
-"""Largest share of rows whose drive is interpolated."""
+"""Largest fraction of rows whose drive is interpolated."""
 MOST_BAD = 2
-"""Most bad samples of a signal: more of them are a property of it."""
+"""Most bad samples of a signal; more are a property of the signal."""
 FEWEST = 16
-"""Fewest rows between two that are cut out."""
+"""Fewest rows between two gaps that are cut out."""
 UNLIKE = 10.0
-"""Smallest ratio of the steps to and from a bad sample to all others."""
+"""Smallest ratio of the steps to and from a bad sample to all other steps."""
 RETURN = 0.2
-"""Largest distance between the two neighbours, as a share of the step."""
+"""Largest distance between the two neighbours, relative to the step."""
 ANSWER = 4.0
-"""Smallest ratio of the other signal's steps next to a jump, to its steps elsewhere, that answers it."""
+"""Smallest ratio of the other signal's steps after a jump to its steps elsewhere, at which it responds to the jump."""
 REACH = 3
-"""Samples after a jump within which the other signal answers."""
+"""Samples after a jump within which the other signal responds."""
 LEAST_DROPPED, MOST_DROPPED, BEYOND = 3, 0.05, 0.05
-"""Fewest samples, and largest share of them, in which an output drops out, and least distance of that value from all
-others, as a share of their range: a limit of the sensor is nearer."""
+"""Fewest samples, and largest fraction of samples, in dropouts; smallest distance of their value from all others,
+relative to the range of these (a limit of the sensor is nearer)."""
 EVEN, UNEQUAL = 0.95, 1.5
-"""Least share of the spans between the values of a slower sensor that are of one length, and least ratio of moves of
-the drive to these values."""
+"""Of a sensor slower than the drive: smallest fraction of equal intervals between new values, and smallest ratio of the
+numbers of drive movements and new values."""
 SHOWN = 1 << 16
-"""Rows from the start that show whether an output is held."""
+"""Rows from the start in which a held output is looked for."""
 
 
 def unknown(values: Vector) -> Mask:
-    """Which values are missing, infinite, or codes."""
+    """Mask of values that are missing, infinite, or codes."""
     return ~(np.abs(values) < ABSURD)
 
 
 def drop_incomplete_end(rows: Rows) -> None:
-    """Leave out the last rows of which a value is missing.
+    """Drop the last rows if a value is missing in them.
 
     Raises
     ------
@@ -65,16 +65,16 @@ def drop_incomplete_end(rows: Rows) -> None:
         ends.append(last_known(rows, label, values, most))
     if (dropped := rows.length - min(ends)) > 0:
         rows.repairs.append(f"incomplete rows at the end are left out: {dropped}")
-        rows.take(slice(0, min(ends)))
+        rows.select(slice(0, min(ends)))
 
 
 def last_known(rows: Rows, label: str, values: Vector, most_missing: float, arrays: bool = False) -> int:
-    """Number of rows up to the last value that is known; of ``arrays`` all, and what is missing in them is NaN.
+    """Number of rows up to the last known value; for ``arrays``, in which missing values must be NaN, all rows.
 
     Raises
     ------
     RecordingError
-        Before that row a larger share of unknown values.
+        A larger fraction of unknown values before that row.
     """
     bad = unknown(values)
     end = values.size - (0 if arrays or not values.size else int(np.argmin(bad[::-1])))
@@ -100,8 +100,8 @@ def _bad_value(rows: Rows, label: str, values: Vector) -> RecordingError:
     )
 
 
-def fill(rows: Rows) -> None:
-    """Interpolate unknown values, which do not count, and cut out rows where the drive is unknown for longer.
+def interpolate_unknown(rows: Rows) -> None:
+    """Interpolate unknown values, which do not count, and cut out rows in long gaps of the drive.
 
     Raises
     ------
@@ -127,11 +127,11 @@ def fill(rows: Rows) -> None:
         rows.replace(k, bad)
         if long.any():
             rows.starts = sorted({*rows.starts, *segments[1:, 0].tolist()})
-            rows.take(np.flatnonzero(~long))
+            rows.select(np.flatnonzero(~long))
 
 
-def count_fresh(rows: Rows) -> None:
-    """Count an output that is held for equally many rows, while the drive moves, only where it changes."""
+def discount_held_outputs(rows: Rows) -> None:
+    """Count only the changes of an output that holds each value for equally many rows while the drive moves."""
     if len(rows.signals) < 2 or rows.length < LEAST_ROWS:
         return
     drive, output = (np.diff(signal[:SHOWN]) for signal in rows.signals)
@@ -145,14 +145,14 @@ def count_fresh(rows: Rows) -> None:
     if even and np.unique(np.abs(steps)).size > FEWEST and np.count_nonzero(drive) > UNEQUAL * fresh.size:
         stale = np.diff(rows.signals[1], prepend=np.nan) == 0.0
         rows.repairs.append(
-            f"{rows.labels[1]} is held for {np.median(run_lengths):g} rows, since the sensor is slower than the drive: "
-            f"{np.count_nonzero(stale)} of {rows.length} samples are interpolated and not counted in the fit"
+            f"{rows.labels[1]} holds each value for {np.median(run_lengths):g} rows, as of a sensor slower than the "
+            f"drive: {np.count_nonzero(stale)} of {rows.length} samples are interpolated and not counted in the fit"
         )
         rows.replace(1, stale)
 
 
 def replace_bad_samples(rows: Rows) -> None:
-    """Name isolated bad samples and draw straight lines over them."""
+    """Report and interpolate dropouts and isolated bad samples."""
     if rows.length < LEAST_ROWS:
         return
     for k, (label, values) in enumerate(zip(rows.labels, rows.signals, strict=True)):
@@ -170,7 +170,7 @@ def replace_bad_samples(rows: Rows) -> None:
         for row in np.flatnonzero(bad).tolist():
             beside = " and ".join(f"{values[j]:.6g}" for j in (row - 1, row + 1) if 0 <= j < rows.length)
             rows.repairs.append(
-                f"{label} is {values[row]:.6g} in {rows.where(row)} beside {beside}, an isolated bad sample, "
+                f"{label} is {values[row]:.6g} in {rows.where(row)} next to {beside}: an isolated bad sample, "
                 "not counted in the fit"
             )
         if bad.any():
@@ -178,7 +178,7 @@ def replace_bad_samples(rows: Rows) -> None:
 
 
 def _steps(rows: Rows, values: Vector) -> Vector:
-    """Sizes of the steps between samples, those between parts as 0."""
+    """Sizes of the steps between samples, 0 between parts."""
     steps = np.diff(values)
     np.abs(steps, out=steps)
     steps[np.array(rows.starts[1:], dtype=int) - 1] = 0.0
@@ -186,13 +186,13 @@ def _steps(rows: Rows, values: Vector) -> Vector:
 
 
 def _largest(steps: Vector) -> float:
-    """The largest step that is not of a bad sample: two steps for each of these, and one may be real."""
+    """The largest step without those of bad samples (two for each), and without one real jump."""
     rank = min(2 * MOST_BAD + 2, steps.size)
     return float(np.partition(steps, -rank)[-rank])
 
 
 def _isolated(values: Vector, steps: Vector) -> Index:
-    """Samples far from both neighbours, or from the one at an end; none if more than ``MOST_BAD``."""
+    """Samples far from both neighbours, or from the only one at an end; none if there are more than ``MOST_BAD``."""
     least = UNLIKE * _largest(steps)
     large = np.flatnonzero(steps > least)
     if not large.size or least == 0.0:
@@ -206,7 +206,7 @@ def _isolated(values: Vector, steps: Vector) -> Index:
 
 
 def _dropped_out(values: Vector, drive: Vector) -> Mask:
-    """Which outputs are one value far beyond all others, though the drive mostly is within its range elsewhere."""
+    """Mask of outputs that are one value far beyond all others, while the drive is within its usual range."""
     for value in (np.fmin.reduce(values), np.fmax.reduce(values)):
         equal = values == value
         others, x = values[~equal], drive[~equal]
@@ -221,6 +221,6 @@ def _dropped_out(values: Vector, drive: Vector) -> Mask:
 
 
 def _answers(steps: Vector, row: int) -> bool:
-    """Whether a signal jumps where the other one does."""
+    """True if a signal responds to a jump of the other at a row."""
     near = steps[max(row - 1, 0) : row + REACH]
     return bool(near.size and near.max() > ANSWER * _largest(steps))

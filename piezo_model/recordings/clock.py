@@ -1,17 +1,16 @@
 """The sampling period behind a column of times.
 
 Uniform sampling means t_k = t_0 + k T. Printed times are rounded by up to half the last digit r (125 µs printed with
-three digits reads 0.000, 0.000, …), so two times that are s samples apart may differ from s T by r; if r divides T the
-rounding does not show, and r is 0. With a tolerance τ on every interval and an error e of the estimate of T, times
-pass if
+three digits reads 0.000, 0.000, …), so two times s samples apart may differ from s T by r. If r divides T, the rounding
+does not show, and r = 0. With a tolerance τ on every interval and an error e of the estimate of T, times pass if
 
     |t_{k+s} − t_k − s T| ≤ r + s (τ T + e)
 
 for s = 1, and also for a stride s of at least two digits r if r hides single intervals.
 
-T is first estimated by the median of t_{k+h} − t_k over h, which is robust to a single gap, and finally by the mean
-over the recording, given as the shortest decimal within the rounding. Times may be rounded to decimals, to significant
-digits, or to single precision.
+T is first estimated by the median of (t_{k+h} − t_k) / h, which is robust to a single gap, and finally by the mean over
+the recording, as the shortest decimal within the rounding. Times may be rounded to decimals, to significant digits, or
+to single precision.
 """
 
 import math
@@ -24,21 +23,20 @@ from piezo_model.recordings.table import RecordingError, check_sample_time
 from solvers.arrays import Vector
 
 WINDOW = 65536
-"""Times at the start, and at the end, that tell how they are printed."""
+"""Times at the start, and at the end, from which their rounding is determined."""
 SAME_RATE, MOST_CHANGE = 16, 1.05
-"""Intervals that tell the sampling rates of a start and an end, and the largest ratio of equal ones."""
+"""Intervals from which the sampling rates at start and end are estimated; largest ratio of equal rates."""
 MOST_DECIMALS = 15
 FEW = 8
-"""Fewest times that tell a digit."""
+"""Fewest times that determine a digit."""
 SINGLE_GRID = 0.1
-"""Largest distance from the grid of single precision, as a share of its spacing."""
+"""Largest distance from the grid of single precision, relative to its spacing."""
 
 
 def printed_digit(times: Vector) -> tuple[float, float]:
-    """Last decimal digit of printed times, and the rounding of their floating point alone; both are the latter if no
-    decimals show.
+    """Last decimal digit of printed times, and their floating-point rounding; both are the latter if no decimals show.
 
-    With significant digits, as of ``%g``, the largest times have the fewest decimals, so only those above the last
+    With significant digits, as of ``%g``, the largest times have the fewest decimals, so only times above the last
     power of ten are used.
     """
     size = np.abs(times)
@@ -47,7 +45,7 @@ def printed_digit(times: Vector) -> tuple[float, float]:
     printed = large if large.size >= FEW else times
     for decimals in range(MOST_DECIMALS + 1):
         digit = 10.0**-decimals
-        if digit <= 16 * exact:  # every number would look rounded to it
+        if digit <= 16 * exact:  # every number would seem to be rounded to it
             break
         if (np.abs(np.round(printed, decimals) - printed) <= 4 * exact).all():
             return digit, exact
@@ -55,7 +53,7 @@ def printed_digit(times: Vector) -> tuple[float, float]:
 
 
 def _single(times: Vector) -> bool:
-    """Whether times have single precision, even if printed in decimals: they lie far closer to its grid than by
+    """True if times have single precision, even if printed in decimals: they lie far closer to its grid than by
     chance."""
     nonzero = times[times != 0.0]
     grid = np.float32(nonzero)
@@ -65,13 +63,13 @@ def _single(times: Vector) -> bool:
 
 @dataclass(frozen=True)
 class Clock:
-    """The times of at least two rows, without missing ones."""
+    """The times of at least two rows, none of them missing."""
 
     rows: Rows
     seconds: float
     """Unit of the times."""
     tolerance: float
-    """Largest deviation of an interval, as a share of the period."""
+    """Largest deviation of an interval, relative to the period."""
 
     def sampling(self, even: bool = True) -> float:
         """Sampling period in seconds.
@@ -79,7 +77,7 @@ class Clock:
         Raises
         ------
         RecordingError
-            Times that run backwards or stand still, and with ``even`` those that leap or jitter.
+            Times that run backwards or stand still, or with ``even`` times with gaps or jitter.
         """
         assert self.rows.times is not None
         times, n = self.rows.times, self.rows.length
@@ -110,7 +108,7 @@ class Clock:
         return _shortest(mean * self.seconds, uncertainty)
 
     def _rounding_shows(self, steps: Vector, mean: float, digit: float) -> bool:
-        """Whether the last digit explains unequal intervals: not if it divides the period and nearly all are equal."""
+        """True if the last digit explains unequal intervals: not if it divides the period and nearly all are equal."""
         digits, unequal = mean / digit, np.abs(steps - np.median(steps)) > self.tolerance * mean
         divides = abs(digits - round(digits)) <= min(1.5 / steps.size, 0.15)
         return round(digits) == 0 or not divides or int(np.count_nonzero(unequal)) > max(3, 0.05 * steps.size)

@@ -1,7 +1,8 @@
 """Clocks as text (12:34:56.789, 2024-01-31T12:34:56.789+01:00, 31.01.2024 12:34:56,789), exact to the nanosecond.
 
-A column has one form: all of its clocks have a date or none has, and likewise an offset from UTC, which is subtracted.
-Of the orders of day and month in which most dates are valid, that with the shortest way through the dates is taken.
+A column has one form: all of its clocks have a date, or none has, and likewise for an offset from UTC, which is
+subtracted. Of the orders of day and month for which most dates are valid, the one with the shortest path through the
+dates is chosen.
 """
 
 import math
@@ -35,7 +36,7 @@ SECOND, DAY = 10**9, 86400 * 10**9
 
 
 def is_clock(cell: str) -> bool:
-    """Whether a cell is a time of day, with or without a date."""
+    """True if a cell is a time of day, with or without a date."""
     return bool(CLOCK.match(cell) or DOTTED_CLOCK.match(cell))
 
 
@@ -52,7 +53,7 @@ def times(chunks: Sequence[pa.StringArray], label: str, where: RowName) -> NDArr
     dates, zones = {"": 0}, {"": 0}
     read = [_of_day(chunk, dates, zones) for chunk in chunks]
     of_day, short, date, zone, known = (np.concatenate(arrays) for arrays in zip(*read, strict=True))
-    if short.any() and (of_day[short] % SECOND > 0).any():  # of two numbers, a fraction tells seconds from minutes
+    if short.any() and (of_day[short] % SECOND > 0).any():  # a fraction shows that two numbers are minutes and seconds
         below_minute = of_day[short] % (60 * SECOND)
         of_day[short] = (of_day[short] - below_minute) // 60 + below_minute
     first = int(np.argmax(known))
@@ -70,8 +71,8 @@ def times(chunks: Sequence[pa.StringArray], label: str, where: RowName) -> NDArr
 
 
 def _of_day(chunk: pa.StringArray, dates: dict[str, int], zones: dict[str, int]) -> tuple[NDArray[Any], ...]:
-    """Nanoseconds since midnight, -1 for a cell that is not a clock; whether it has two numbers only; codes of its date
-    and its offset from UTC, which are added to the dictionaries; and whether there is a cell."""
+    """Nanoseconds since midnight, −1 for a cell that is not a clock; whether it has only two numbers; codes of its date
+    and of its offset from UTC, which are added to the dictionaries; and whether the cell is not empty."""
     fields = pc.extract_regex(pc.replace_substring_regex(chunk, DOTTED_CLOCK.pattern, r"\1:\2:\3"), CLOCK.pattern)
     text = {name: pc.fill_null(pc.struct_field(fields, name), "") for name in FIELDS}
     first, second, third = (_integers(text[name]) for name in FIELDS[:3])

@@ -1,11 +1,11 @@
-"""How a text writes its cells, and where its tables are: header, units and the first row of numbers of each.
+"""How the cells of a text are written, and where its tables are: header, units and first row of numbers of each.
 
-A table begins where a line of names that are not those of the table before stands above a row of numbers; so the names
-and numbers of a preamble are a table of few rows, and belong to the one below.
+A table begins at a line of names, other than those of the previous table, above a row of numbers. So the names and
+numbers of a preamble are a table of few rows, which belongs to the table below.
 
-Every pair of separator and decimal mark is tried on the first lines. The best pair gives the rows of equal width that
-hold the most numbers; the lines above the first of them are header, units and remarks. Settings that an oscilloscope
-writes beside its first rows are columns of text.
+Every pair of separator and decimal mark is tried on the first lines. The best pair gives the rows of equal width with
+the most numbers; the lines above the first of them are header, units and remarks. Settings that an oscilloscope writes
+next to its first rows are columns of text.
 """
 
 import csv
@@ -28,10 +28,10 @@ SEPARATORS: Mapping[str, str] = {
     " ": "blanks",
     ", ": "commas with blanks",
 }
-"""Separators in the order of preference, and their names; " " means any run of blanks and tabs, and ", " a comma before
-blanks, as multimeters write beside decimal commas."""
+"""Separators in the order of preference, and their names; " " means any run of blanks and tabs, and ", " a comma
+followed by blanks, as multimeters write with decimal commas."""
 RUNS: Mapping[str, str] = {" ": r"[ \t]+", ", ": ", +"}
-"""Separators that Arrow does not know; it gets tabs."""
+"""Separators that Arrow does not know, and that are replaced by tabs."""
 COMMENT_MARKS = ("#", "%", "//", ";", "!", "**")
 COMMENT = re.compile(rf"\s*(?:{'|'.join(map(re.escape, COMMENT_MARKS))})+\s*")
 MISSING = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---", "#value!", "missing"})
@@ -43,20 +43,20 @@ DECIMAL = {
     for mark in ".,"
 }
 LONGEST_VALUE = 100
-"""Characters of a number or a clock; a longer cell is text, so that no hostile one is searched for long."""
+"""Most characters of a number or a clock; a longer cell is text, so that hostile cells take no time."""
 REMARKS_BELOW_HEADER = 2
 WORTH: Mapping[Kind, float] = {"number": 1.0, "clock": 1.0, "flag": 0.3, "empty": 0.0, "text": -0.5}
 """Score of a cell by its kind."""
 LONGEST_UNIT = 12
-"""Characters of a unit that is not known."""
+"""Most characters of an unknown unit."""
 LEAST_WRITTEN = 0.02
-"""Smallest share of cells in a column that are not empty."""
+"""Smallest fraction of cells in a column that are not empty."""
 SETTINGS = 40
-"""Rows beside which an oscilloscope writes its settings."""
+"""Most rows next to which an oscilloscope writes its settings."""
 REMARKS = 8
-"""Lines above the first row that may come again between the sweeps of a recording."""
+"""Lines above the first row that may recur between the parts of a recording."""
 MARKS, LONGEST_TITLE = "[]<>=:*#%!/;, \t\r\n", 60
-"""Characters around a heading, and most of its own."""
+"""Characters that are stripped from a heading, and most characters of the rest."""
 GCS_ENTRY = re.compile(r"^#\s*((?:NAME|UNIT)\d+)\s*=\s*(.*?)\s*$", re.MULTILINE)
 """Name or unit of a column in the header of PI's General Command Set array (PI manual SM146, section on GCS arrays)."""
 LINE = re.compile(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+")
@@ -78,7 +78,7 @@ class Dialect:
         return [cell.strip() for cell in cells_of(line.strip(" "), self.separator)]
 
     def is_comment(self, line: str) -> bool:
-        """Whether a line is a comment; a leading semicolon may also be the separator after an empty first cell."""
+        """True if a line is a comment; a leading semicolon may also be the separator after an empty first cell."""
         if self.separator == ";" and line.lstrip().startswith(";"):
             return not any(self.kind(cell) in ("number", "clock") for cell in self.split(line))
         return bool(COMMENT.match(line))
@@ -100,7 +100,7 @@ class Dialect:
 
 
 def cells_of(line: str, separator: str) -> list[str]:
-    """Cells of a line with quotes; a line that has a cell beyond the parser's limit is one cell."""
+    """Cells of a line with quotes; a line with a cell beyond the parser's limit is one cell."""
     try:
         return next(csv.reader([line], delimiter=separator), [])
     except csv.Error:
@@ -122,32 +122,32 @@ class Layout:
     header: int | None = None
     """Index of the line that names the columns."""
     remarks: frozenset[str] = frozenset()
-    """The last lines above the first row, with every number as 0; they are skipped where they occur again."""
+    """The last lines above the first row, with every number as 0; they are skipped wherever they recur."""
     glued: int = 0
-    """Character at which the first row starts in the header's line, if the header lacks its line break."""
+    """Character at which the first row starts in the header's line, if the line break after the header is missing."""
     quoted: bool = False
-    """Whether there are quotes in the first lines; others are taken as they are."""
+    """True if there are quotes in the first lines; otherwise quotes are ordinary characters."""
 
 
 @dataclass
 class Region:
-    """A table among the lines of a file, with what stands above it."""
+    """A table among the lines of a file, including the lines above it."""
 
     line: int = 0
     begin: int = 0
     """Lines and bytes before it."""
     names: int = 0
-    """Lines of it above the one that names its columns."""
+    """Number of its lines above the one that names its columns."""
     title: str = ""
     """The text above its names."""
     rows: int = 0
     width: int = 0
     key: set[str] = field(default_factory=set)
-    """The lines above its first row; those that do not name columns with every number as 0."""
+    """The lines above its first row; with every number as 0 in those that do not name columns."""
 
 
 def regions_of(blocks: Iterable[str], dialect: Dialect, size: Callable[[str], int] = len) -> list[Region]:
-    """The tables among lines, given in blocks of whole ones whose size in the file is to be counted."""
+    """The tables among lines, which come in blocks of whole lines; ``size`` gives the bytes of a text in the file."""
     regions, above, line, begin, end = [Region()], list[tuple[int, str]](), 0, 0, (0, 0)
     for block in blocks:
         plain = bool(regions[-1].rows and not above and PLAIN.fullmatch(block))
@@ -182,7 +182,7 @@ def regions_of(blocks: Iterable[str], dialect: Dialect, size: Callable[[str], in
 def _header_above(
     dialect: Dialect, above: Sequence[tuple[int, str]], kinds: Sequence[Kind], table: Region
 ) -> int | None:
-    """The line that names the columns of a row of these kinds among the last ones above it; None without one."""
+    """The line that names the columns, among the last lines above a row of these kinds; None without one."""
     numbers, texts = sum(kind in ("number", "clock") for kind in kinds), kinds.count("text")
     for at, line in reversed(above[-REMARKS_BELOW_HEADER - 1 :] if numbers else ()):
         written = [name for name in _names(dialect, line, kinds) or () if dialect.kind(name) == "text"]
@@ -193,7 +193,7 @@ def _header_above(
 
 
 def _key(dialect: Dialect, line: str) -> str:
-    """A line of names, or another one with every number as 0."""
+    """A line of names, or any other line with every number as 0."""
     cells = dialect.split(line)
     return as_remark(line) if len(cells) == 1 or "number" in map(dialect.kind, cells) else line.strip()
 
@@ -203,8 +203,8 @@ def layout_of(
 ) -> Layout | None:
     """Find the table in the first complete lines of a file; None without rows of numbers.
 
-    The user may give the decimal mark, and the row that names the columns, counted from 1, or 0 for none. Its rows are
-    sought from the ``first`` line on.
+    The user may give the decimal mark, and the row that names the columns, counted from 1, or 0 for none. Rows are
+    looked for from the ``first`` line on.
     """
     first = header_row or first
     quoted = any('"' in line for line in lines)
@@ -258,7 +258,7 @@ def layout_of(
 
 
 def _has_spaced_commas(lines: Sequence[str]) -> bool:
-    """Whether commas before blanks separate cells, and all others are decimal marks; not if a header has as many names
+    """True if commas before blanks separate cells and all others are decimal marks, unless a header has as many names
     as there are cells between commas of any kind."""
     rows = [line.strip() for line in lines if re.search(r"\d,\d", line)]
     widths = {len(line.split(",")) for line in lines if "," in line and line.strip() not in rows}
@@ -272,8 +272,8 @@ def _has_spaced_commas(lines: Sequence[str]) -> bool:
 
 
 def _without_settings(lines: Sequence[str]) -> tuple[Sequence[str], list[str]]:
-    """Lines without the start and increment of the times, which an oscilloscope writes right of names and units (Rigol
-    DS), and the increment as a remark would state it."""
+    """Lines without the start and increment of the times, which an oscilloscope (Rigol DS) writes to the right of names
+    and units; and the increment as a remark."""
     for k, (names, units) in enumerate(pairwise(lines[:SETTINGS])):
         named = re.fullmatch(r"(X.*)([,;\t]) ?Start\2 ?Increment\2?\s*", names, re.IGNORECASE)
         below = named and re.fullmatch(r"(.*?)@([^@]+)@([^@]+)@?\s*".replace("@", named[2]), units)
@@ -283,7 +283,7 @@ def _without_settings(lines: Sequence[str]) -> tuple[Sequence[str], list[str]]:
 
 
 def as_remark(line: str) -> str:
-    """A line with every number as 0: the headings of sweeps differ in their numbers."""
+    """A line with every number as 0, since the headings of parts differ in their numbers."""
     return re.sub(r"\d++", "0", line.strip())
 
 
@@ -302,8 +302,8 @@ def _score(dialect: Dialect, lines: Sequence[str], first: int) -> tuple[float, D
 
 
 def _kinds(dialect: Dialect, rows: Sequence[Sequence[str]]) -> tuple[Kind, ...]:
-    """The commonest kind of each column; empty cells count only where nearly all are, or where the others are not of
-    one kind."""
+    """The commonest kind of each column; empty cells count only if nearly all are empty, or the others are of several
+    kinds."""
 
     def commonest(counts: Counter[Kind]) -> Kind:
         written = counts.total() - counts["empty"]
@@ -317,7 +317,7 @@ def _kinds(dialect: Dialect, rows: Sequence[Sequence[str]]) -> tuple[Kind, ...]:
 
 
 def _with_damaged_rows(dialect: Dialect, lines: Sequence[str], start: int, kinds: Sequence[Kind], first: int) -> int:
-    """Include the lines above the first good row that are damaged rows and not a header: some of their cells are
+    """Include lines above the first good row that are damaged rows, not a header, since some of their cells are
     numbers."""
     while start > first and lines[start - 1].strip() and not dialect.is_comment(lines[start - 1]):
         cells = dialect.split(lines[start - 1])
@@ -330,8 +330,8 @@ def _with_damaged_rows(dialect: Dialect, lines: Sequence[str], start: int, kinds
 
 
 def _named_by_settings(rows: Sequence[Sequence[str]], kinds: Sequence[Kind]) -> dict[int, Column]:
-    """Columns of an oscilloscope that writes its settings beside the first rows, name and value in two columns left of
-    time and signal (Tektronix TDS)."""
+    """Columns of an oscilloscope (Tektronix TDS) that writes its settings next to the first rows, name and value in two
+    columns to the left of time and signal."""
     columns: dict[int, Column] = {}
     for k in range(len(kinds) - 1):
         settings = {row[k]: row[k + 1] for row in rows} if kinds[k] == "text" else {}
@@ -377,8 +377,8 @@ def _columns(names: Sequence[str], units: Sequence[str], kinds: Sequence[Kind]) 
 
 
 def _glued(dialect: Dialect, line: str, kinds: Sequence[Kind]) -> tuple[tuple[str, ...], int] | None:
-    """Names in a header with the first row in the same line, as afmformats has written it, and the start of that
-    row."""
+    """Names in a header that is followed by the first row in the same line, as afmformats once wrote it, and the start
+    of that row."""
     width, cells = len(kinds), dialect.split(_uncommented(dialect, line))
     if len(cells) != 2 * width - 1 or width < 2 or dialect.separator == " ":
         return None
@@ -391,8 +391,8 @@ def _glued(dialect: Dialect, line: str, kinds: Sequence[Kind]) -> tuple[tuple[st
 
 
 def _all_units(cells: Sequence[str]) -> bool:
-    """Whether a row below the names holds units: one that is known, and others that are, or are in brackets, or are
-    short where most are known."""
+    """True if a row below the names holds units: at least one known unit, and others that are known, in brackets, or
+    short if most are known."""
     known = [bool(canonical(cell)) or cell.strip("[]() ").lower() in ("", "-", "1", "sequence") for cell in cells]
     bracketed = [
         known_cell or bool(re.fullmatch(r"[\[(].*[\])]", cell)) for cell, known_cell in zip(cells, known, strict=True)
@@ -423,7 +423,7 @@ def _names(dialect: Dialect, line: str, kinds: Sequence[Kind]) -> list[str] | No
 
 
 def _splits(dialect: Dialect, text: str) -> list[list[str]]:
-    """Ways to split a header: like the rows, at wide gaps, and at blanks that do not stand before a bracket."""
+    """Ways to split a header: like the rows, at wide gaps, and at blanks that are not before a bracket."""
     wide, bare = re.split(r"\t+|\s{2,}", text.strip()), re.split(r"\s+(?![\[(])", text.strip())
     if dialect.separator == " ":
         return [

@@ -1,6 +1,6 @@
-"""From a file to even samples: the table of its format, the roles of its columns, the selected rows, and their
-faults, which are repaired where that is safe, and reported, or refused with the row; and a question where the numbers
-cannot be in their units.
+"""From a file to even samples: its table, the roles of the columns, the selected rows, and their faults, which are
+repaired and reported if that is safe, or refused with the row. Values that are implausible for their units are
+questioned.
 
 The repairs in order: unknown values (`bad_values`), the order of rows, parts and repeated stamps (`rows`), the clock
 (`clock`), isolated bad samples (`bad_values`), and an even clock by linear interpolation,
@@ -17,7 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from piezo_model.recordings.bad_values import count_fresh, drop_incomplete_end, fill, replace_bad_samples
+from piezo_model.recordings.bad_values import (
+    discount_held_outputs,
+    drop_incomplete_end,
+    interpolate_unknown,
+    replace_bad_samples,
+)
 from piezo_model.recordings.clock import Clock
 from piezo_model.recordings.options import ReadOptions
 from piezo_model.recordings.roles import NO_CLOCK, Roles, choose_roles
@@ -27,20 +32,20 @@ from piezo_model.recordings.rows import (
     drop_repeats,
     is_near,
     refuse_sorted,
+    run_starts,
     sort_by_time,
-    sweep_starts,
 )
 from piezo_model.recordings.table import ABSURD, FEW_ROWS, RecordingError, Table
 from piezo_model.units import LENGTHS, PREFIXES, VOLTAGES, canonical, quantity, seconds
 from solvers.arrays import Mask, Vector
 
 MOST_NAMED = 8
-"""Most columns of a table that are named where tables are listed."""
+"""Most columns that are named in a list of tables."""
 CLOCK_TOLERANCE = 0.01
-"""Largest relative difference between the duration by a time column and by a given sampling period."""
+"""Largest relative difference between the durations by a time column and by the sampling period of the user."""
 MOST_VOLTS, MOST_METRES, LONGEST_PERIOD_S = 1e4, 1.0, 60.0
 """Largest voltage, travel and sampling period that need no confirmation."""
-GUESS = " (seconds are a guess, otherwise --time-unit)"
+GUESS = " (seconds assumed; override with --time-unit)"
 MOST_SAMPLES = 1_000_000_000
 MOST_MULTIPLIED = 10
 """Largest ratio of samples to rows that needs no confirmation."""
@@ -48,12 +53,12 @@ PREFIX = {"p": 1e-12, **PREFIXES}
 
 
 def open_table(path: str | Path, named: Mapping[str, str | None], options: ReadOptions) -> Table:
-    """The table of a file that the user has chosen, or the only one whose columns can be told.
+    """The table of a file that the user has chosen, or the only one with the columns of a recording.
 
     Raises
     ------
     RecordingError
-        Several tables that can be the recording, or none of several; see also
+        Several of the tables, or none, can be the recording; see also
         :func:`piezo_model.recordings.formats.open_tables`.
     """
     from piezo_model.recordings import formats  # imports pyarrow
@@ -87,7 +92,7 @@ def open_table(path: str | Path, named: Mapping[str, str | None], options: ReadO
 def read_signals(
     table: Table, named: Mapping[str, str | None], options: ReadOptions
 ) -> tuple[dict[str, Any], Rows, list[str]]:
-    """Fields of a `Source`, even samples of some roles, and their units, "" for one that is not known.
+    """Fields of a `Source`, even samples of the signals, and their units ("" if unknown).
 
     Parameters
     ----------
@@ -96,12 +101,11 @@ def read_signals(
     named : mapping of str to str or None
         By role the column that the user named, or None to guess it; the time comes first.
     options : ReadOptions
-        What the user says about the file.
 
     Raises
     ------
     RecordingError
-        Roles that cannot be told, rows that cannot be read or repaired, or numbers that are to be confirmed.
+        Roles that cannot be determined, rows that cannot be read or repaired, or values that must be confirmed.
     """
     roles = choose_roles(table, named, options.sample_time is not None)
     time = roles.columns.get("time")
@@ -126,7 +130,7 @@ def read_signals(
     )
     if outside.any():
         rows.starts = [0, *(np.flatnonzero(outside[:-1] & ~outside[1:]) + 1).tolist()]
-        rows.take(np.flatnonzero(~outside))
+        rows.select(np.flatnonzero(~outside))
     if selected != slice(None):
         rows.remarks.append(f"read from {rows.where(0)} on" + f", one row in {step}" * (step > 1))
     if roles.unread is not None:
@@ -160,14 +164,14 @@ def read_signals(
 
 
 def _sampled(rows: Rows, unit: float, period: float, options: ReadOptions) -> float:
-    """Make rows even samples, in place; their sampling period, which is given for rows without times."""
+    """Turn rows into even samples, in place; returns their sampling period, which is known for rows without times."""
     drop_incomplete_end(rows)
     sort_by_time(rows)
-    fill(rows)
+    interpolate_unknown(rows)
     refuse_sorted(rows)
     begin_parts(rows, even=options.resample is None)
     sample_time = _sampling(rows, unit, period, options)
-    count_fresh(rows)
+    discount_held_outputs(rows)
     replace_bad_samples(rows)
     if options.strict and rows.repairs:
         raise RecordingError(f"{rows.path}: {rows.repairs[0]}; without --strict it is repaired")
@@ -175,7 +179,7 @@ def _sampled(rows: Rows, unit: float, period: float, options: ReadOptions) -> fl
 
 
 def _sampling(rows: Rows, unit: float, period: float, options: ReadOptions) -> float:
-    """The sampling period of the times, without rows that only repeat the one before; that which is known for rows
+    """The sampling period by the times, after rows that only repeat the previous one are dropped; ``period`` for rows
     without times."""
     if rows.length < 2:
         raise RecordingError(
@@ -192,7 +196,7 @@ def _sampling(rows: Rows, unit: float, period: float, options: ReadOptions) -> f
 
 
 def _resampled(rows: Rows, unit: float, options: ReadOptions) -> float:
-    """Interpolate to an even clock; a sample counts if the rows on both of its sides do."""
+    """Interpolate to an even clock; a sample counts if the rows on both sides do."""
     times, period = rows.times, options.resample
     assert times is not None
     assert period is not None
@@ -223,13 +227,13 @@ def split_name(text: str) -> tuple[Path, str | None]:
 def joined(
     input: str, output: str, time: str | None, options: ReadOptions
 ) -> tuple[Table, dict[str, str], dict[str, str]]:
-    """A table of time, drive and sensor from two files, as an oscilloscope writes its channels, at the times of the
-    first one that both have; by role the number of its column, and the reason of a guess.
+    """A table of time, drive and sensor from two files, as an oscilloscope writes its channels, at those times of the
+    first file that both cover; and by role the number of its column, and the reason of a guess.
 
     Raises
     ------
     RecordingError
-        Columns that cannot be told, or files without times whose numbers of rows differ, or without a time in common.
+        Columns that cannot be determined, different numbers of rows without times, or no time in common.
     """
     (first, roles, times, x), (second, others, times_y, y) = (_channel(name, time, options) for name in (input, output))
     path, repairs, where = f"{first.path} and {second.path}", (*first.repairs, *second.repairs), first.where
@@ -267,7 +271,7 @@ def joined(
 
 
 def _channel(name: str, time: str | None, options: ReadOptions) -> tuple[Table, Roles, Vector, Vector]:
-    """Table, roles, times in seconds (none where the file has none) and values."""
+    """Table, roles, times in seconds (empty if the file has none) and values."""
     path, column = split_name(name)
     named = {"time": time, "reference": column}
     table = open_table(path, named, options)
@@ -294,7 +298,7 @@ def seconds_per_unit(table: Table, time: int, options: ReadOptions) -> float:
 def _selected_rows(
     table: Table, time: int | None, unit: float, period: float, options: ReadOptions
 ) -> tuple[slice, Mask]:
-    """The rows between two times after the first one of their sweep, and which of them lie between sweeps."""
+    """The rows between two times since the start of their part, and a mask of those to leave out between parts."""
     none = np.zeros(0, dtype=bool)
     low, high = options.from_s or 0.0, math.inf if options.to_s is None else options.to_s
     if time is None:
@@ -303,7 +307,7 @@ def _selected_rows(
     if low == 0.0 and high == math.inf:
         return slice(None, None, options.decimate), none
     (times,) = table.read([time])
-    starts = sweep_starts(times)
+    starts = run_starts(times)
     since = (times - np.repeat(np.fmin.reduceat(times, starts), np.diff([*starts, times.size]))) * unit
     inside = np.flatnonzero((since >= low) & (since <= high))
     if inside.size < 2:
@@ -324,13 +328,13 @@ def _refuse_other_clock(table: Table, time: int, times: Vector, period: float, o
     if by_clock > 0.0 and abs(by_clock - by_option) > CLOCK_TOLERANCE * by_clock:
         raise RecordingError(
             f"{table.path}: lasts {quantity(by_clock, 's')} by its time column {table.names[time]!r} and "
-            f"{quantity(by_option, 's')} by --sample-time {period:g}; leave out --sample-time, or give --resample "
-            "where the times are uneven, or --time none where that column is not a clock"
+            f"{quantity(by_option, 's')} by --sample-time {period:g}; omit --sample-time, or give --resample "
+            "if the times are uneven, or --time none if that column is not a clock"
         )
 
 
 def _unit(table: Table, role: str, k: int, values: Vector, options: ReadOptions) -> str:
-    """The unit of a signal; magnitudes that no actuator has are refused, with the question that confirms them."""
+    """The unit of a signal; implausible magnitudes are refused with a question, and the option that confirms them."""
     stated = options.input_unit if role == "input" else options.output_unit
     if stated is not None:
         return canonical(stated) or stated.strip()

@@ -1,11 +1,11 @@
-"""Options for what a file does not state, the same for every way to open one."""
+"""Options for what a file does not state, common to all ways of opening one."""
 
 from dataclasses import dataclass
 
 from piezo_model.recordings.table import RecordingError, check_sample_time
 
 TIME_TOLERANCE = 0.01
-"""Largest deviation of an interval from the sampling period, as a share of it."""
+"""Largest relative deviation of an interval from the sampling period."""
 
 
 @dataclass(frozen=True)
@@ -34,13 +34,13 @@ class ReadOptions:
     """Override the units in the file."""
     from_s: float | None = None
     to_s: float | None = None
-    """Seconds after the first time between which rows are read."""
+    """Read the rows between these times, in seconds after the first time."""
     decimate: int | None = None
-    """Read the first of so many rows."""
+    """Read one row in so many."""
     strict: bool = False
-    """Refuse what would be repaired."""
+    """Refuse a file instead of repairing it."""
     time_tolerance: float = TIME_TOLERANCE
-    """Largest deviation of an interval from the sampling period, as a share of it, beside the rounding of printed
+    """Largest relative deviation of an interval from the sampling period, in addition to the rounding of printed
     times."""
 
     def __post_init__(self) -> None:
@@ -52,7 +52,7 @@ class ReadOptions:
         for wrong, sentence in (
             (
                 self.resample and self.sample_time,
-                "--resample goes by a time column, which --sample-time replaces; give one of the two",
+                "--resample needs a time column, which --sample-time replaces; give one of the two",
             ),
             (empty, f"the {' and '.join(empty)} unit must not be empty"),
             (self.decimal not in (None, ".", ","), f"the decimal mark is '.' or ',', not {self.decimal!r}"),
@@ -67,7 +67,7 @@ class ReadOptions:
             ),
             (
                 not 0.0 < self.time_tolerance < 0.5,
-                f"the time tolerance is a share of the sampling period between 0 and 0.5, not {self.time_tolerance}",
+                f"the time tolerance must be a fraction of the period between 0 and 0.5, not {self.time_tolerance}",
             ),
         ):
             if wrong:

@@ -41,20 +41,20 @@ class Source:
     columns: Mapping[str, str] = field(default_factory=dict)
     """Column of the file by role."""
     reasons: Mapping[str, str] = field(default_factory=dict)
-    """Reason of the guess by role; not of the columns that the user named."""
+    """Reason of each guess by role; not for columns that the user named."""
     form: str = ""
     """Format and dialect of the file, as a clause: "text, separated by tabs, header in row 3"."""
     remarks: tuple[str, ...] = ()
-    """What was left out, filled in or put in order, each as a clause."""
+    """What was dropped, interpolated or reordered, each as a clause."""
     guessed_seconds: bool = False
-    """Whether nobody states the unit of the times."""
+    """True if neither file nor user states the unit of the times."""
     units: str = ""
-    """What :meth:`in_units` has converted, or taken as it is since a unit is not known, in a sentence."""
+    """A sentence about what :meth:`in_units` has converted, or kept because a unit is unknown."""
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """The remarks, for reports; they also say where seconds are a guess."""
-        return self.remarks + ("seconds are a guess, since no unit of the times is stated",) * self.guessed_seconds
+        """The remarks, for reports, and one if seconds are assumed."""
+        return self.remarks + ("seconds are assumed, since no unit of the times is stated",) * self.guessed_seconds
 
     def _describe_signal(self, role: str, unit: str, span: tuple[float, float]) -> str:
         column = f" {self.columns[role]!r}" if role in self.columns else ""
@@ -77,7 +77,7 @@ class Source:
             why: ", ".join(role for role in self.reasons if self.reasons[role] == why) for why in self.reasons.values()
         }
         guesses = "; ".join(f"{names} {why}" for why, names in roles.items())
-        return f"; guessed: {guesses} (otherwise {', '.join(f'--{role}' for role in self.reasons)})"
+        return f"; guessed: {guesses} (override with {', '.join(f'--{role}' for role in self.reasons)})"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,9 +89,10 @@ class Recording(Source):
     y: Vector = field(repr=False, compare=False)
     """Output, shape (samples,), in ``output_unit``, interpolated where it is missing; read-only."""
     uncounted: Mask = field(repr=False, compare=False)
-    """Whether a sample moves the operators and is not counted, shape (samples,): its output is missing; read-only."""
+    """Mask of samples that move the operators but are not counted, since their output is missing, shape (samples,);
+    read-only."""
     starts: tuple[int, ...] = (0,)
-    """First sample of each part. The states of the operators are unknown there, and begin anew."""
+    """First sample of each part, before which the states of the operators are unknown."""
     x_range: tuple[float, float]
     """Smallest and largest input, in ``input_unit``."""
     y_range: tuple[float, float]
@@ -158,7 +159,7 @@ class Recording(Source):
         name: str = "frame",
         **reading: Any,
     ) -> Self:
-        """Check and repair named arrays as :meth:`open` does the columns of a file, for a file that you read yourself.
+        """Check and repair named arrays, for a file that you read yourself, as :meth:`open` does the columns of a file.
 
         Parameters
         ----------
@@ -167,7 +168,7 @@ class Recording(Source):
         time, input, output, **reading
             As for :meth:`open`.
         name : str
-            What errors and descriptions call it.
+            Name in errors and descriptions.
 
         Raises
         ------
@@ -263,8 +264,8 @@ class Recording(Source):
         return (self.length - 1) * self.sample_time
 
     def digest(self) -> str:
-        """SHA-256 of the sampling period in nine digits, the first samples of the parts, and the samples, each as input
-        and output in float64 (little-endian) in their units; it does not depend on the file's format.
+        """SHA-256 of the sampling period in nine digits, the starts of the parts, and the samples, each as input and
+        output in float64 (little-endian) in their units; it does not depend on the file's format.
 
         Examples
         --------
@@ -308,7 +309,7 @@ class Recording(Source):
 
     @property
     def owners(self) -> list[int]:
-        """For each part the number of its recording, of several together."""
+        """Number of the recording to which each part belongs, 0 for a single recording."""
         return [0] * len(self.starts)
 
     @property
@@ -322,11 +323,11 @@ class Recording(Source):
         return [self.sample_time] * len(self.starts)
 
     def spread(self, of_parts: Sequence[float]) -> Vector:
-        """A value of each part for each of its samples, shape (samples,)."""
+        """Values of the parts, repeated for each of their samples, shape (samples,)."""
         return np.repeat(of_parts, np.diff((*self.starts, self.length)))
 
     def in_units(self, input_unit: str, output_unit: str) -> Self:
-        """Return the recording in other units; where one of two units is unknown, the values are kept.
+        """Return the recording in other units; if one of two units is unknown, the values are kept.
 
         Raises
         ------
@@ -355,7 +356,7 @@ class Recording(Source):
         )
 
     def describe(self) -> str:
-        """Describe in two lines the samples, and the columns that were guessed, and in one each remark."""
+        """Describe the samples and the guessed columns in two lines, and each remark in one."""
         gaps = int(np.count_nonzero(self.uncounted))
         more = {
             f" by {self.columns.get('time')!r}": "time" in self.columns,
@@ -391,7 +392,7 @@ class Reference(Source):
         return replace(self, values=gain * self.values, unit=unit or self.unit, units=units)
 
     def describe(self, role: str = "reference") -> str:
-        """Describe in a sentence the samples, and the columns that were guessed."""
+        """Describe the samples and the guessed columns in a sentence."""
         signal = self._describe_signal(role, self.unit, (float(self.values.min()), float(self.values.max())))
         return (
             f"{self.name}: {self.form}; {self.values.size} samples, {self._describe_period()}; "
@@ -416,7 +417,7 @@ def read_reference(
     time, column : str, optional
         Column names; guessed by default.
     role : "reference" or "input"
-        Role by which the signal is recognised.
+        Role by which the signal is found.
     **reading
         As for :meth:`Recording.open`.
 

@@ -1,9 +1,8 @@
 """Assignment of the columns of a table to the roles time, input, output and reference.
 
-The user names columns, and the others are guessed by the most reliable evidence available: the words in a name
-(``input_voltage``), its unit, and being the only column left whose values vary, or that
-can be a time. Guesses are reported.
-Every word votes for the drive (positive) or for the sensor (negative). Between two columns that fit equally well no
+Columns that the user does not name are guessed by the most reliable evidence available: the words in a name
+(``input_voltage``), its unit, or being the only remaining column whose values vary or that can be a time. Guesses are
+reported. Every word votes for the drive (positive) or for the sensor (negative). If two columns fit equally well, no
 guess is made: the user has to name one.
 """
 
@@ -57,10 +56,10 @@ OTHER_WORDS = frozenset(
         "trigger flag frequency force current charge row scan sequence",
     )
 )
-"""Words for columns beside drive and sensor."""
+"""Words for columns other than drive and sensor."""
 KINDS = {"text": " (text)", "flag": " (flags)", "empty": " (empty)"}
 NO_CLOCK = "none"
-"""The name of the time column in a table without one."""
+"""Name that the user gives as the time column of a table without one."""
 MOST_LISTED = 24
 """Most names in an error message."""
 ROLES = ("time", "input", "output", "reference")
@@ -72,9 +71,9 @@ class Roles:
 
     columns: Mapping[str, int]
     reasons: Mapping[str, str]
-    """By role; not of the roles that the user named."""
+    """By role; not for roles that the user named."""
     unread: int | None = None
-    """The time column by its name, if the sampling period is given."""
+    """The time column by its name, if the sampling period is known without it."""
 
 
 @dataclass
@@ -85,7 +84,7 @@ class _Search:
 
     @cached_property
     def candidates(self) -> list[int]:
-        """Columns of numbers of one length, that of the named columns or of most columns."""
+        """Columns of numbers with the length of the named columns, or with the most common length."""
         columns = self.table.columns
         lengths = Counter(columns[k].rows for k in self.assigned.values()) or Counter(
             column.rows for column in columns if column.kind in ("number", "clock")
@@ -109,7 +108,7 @@ class _Search:
         return {k: self.profiles[k] for k in self.free() if k in self.profiles}
 
     def assign(self, role: str, columns: Sequence[int], reason: str) -> None:
-        """Assign a column to an open role, if there is only one such column."""
+        """Assign a column to a role that has none, if there is only one such column."""
         if role not in self.assigned and len(columns) == 1:
             self.assigned[role], self.reasons[role] = columns[0], reason
 
@@ -120,7 +119,7 @@ def choose_roles(table: Table, named: Mapping[str, str | None], sampled: bool = 
     Parameters
     ----------
     table : Table
-        Its values are read only if its names do not suffice.
+        Its values are read only if the names do not suffice.
     named : mapping of str to str or None
         By role (time, input and output, or time and reference) the column that the user named, or None to guess it.
     sampled : bool
@@ -135,8 +134,8 @@ def choose_roles(table: Table, named: Mapping[str, str | None], sampled: bool = 
         named = {**named, "time": None}
     if sampled and named.get("time") is not None:
         raise RecordingError(
-            f"{table.path}: the sampling period is given, so that the time column {named['time']!r} would not be read; "
-            "give one of the two"
+            f"{table.path}: with a sampling period the time column {named['time']!r} would not be read; give one of "
+            "the two"
         )
     search = _Search(table, {role: find(table, role, name) for role, name in named.items() if name is not None})
     if len(set(search.assigned.values())) < len(search.assigned):
@@ -168,8 +167,8 @@ def choose_roles(table: Table, named: Mapping[str, str | None], sampled: bool = 
 
 
 def find(table: Table, role: str, named: str) -> int:
-    """Position of a column that the user names by its name, the end of its path, its name without unit, its number, or
-    a part of its name that no other one has."""
+    """Position of a column that the user gives by its name, the end of its path, its name without unit, its number, or
+    a part of its name that no other column has."""
 
     def normal(text: str) -> str:
         return printable(unicodedata.normalize("NFKC", text))
@@ -188,7 +187,7 @@ def find(table: Table, role: str, named: str) -> int:
         same = [k for k in range(len(columns)) if test(k)]
         if len(same) > 1:
             raise RecordingError(
-                f"{table.path}: has {len(same)} columns named {named!r}; --{role} takes a column's number, too: "
+                f"{table.path}: has {len(same)} columns named {named!r}; --{role} also takes a column's number: "
                 f"{', '.join(f'{k + 1} for {table.names[k]!r}' for k in same[:MOST_LISTED])}"
             )
         if same:
@@ -210,13 +209,13 @@ def vote(column: Column) -> int:
 
 
 def is_setpoint(column: Column) -> bool:
-    """Whether a name is that of a setpoint."""
+    """True if a column is a setpoint by its name."""
     return not words_of(column).isdisjoint(SETPOINT_WORDS)
 
 
 def words_of(column: Column) -> set[str]:
-    """Words of a name without its unit; a letter counts only as the whole name, since position_x is not an input, and
-    x, y and z only without a unit, with which they are the axes of a stage."""
+    """Words of a name without its unit. A single letter counts only as the whole name, since position_x is not an
+    input; x, y and z count only without a unit, since with one they are the axes of a stage."""
     separated = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", column.stem)
     words = [word.casefold() for word in re.split(r"[\W_\d]+", separated) if word]
     return {word for word in words if len(word) > 1 or (len(words) == 1 and not (column.unit and word in "xyz"))}
@@ -239,7 +238,7 @@ def _find_time_by_values(search: _Search) -> None:
 
 
 def _time_rank(column: Column) -> int | None:
-    """Rank of a name among those of time columns, the best one first; None for another name."""
+    """Rank of a name among those of time columns, best first; None for any other name."""
     whole, words = column.stem.casefold(), words_of(column)
     fits = [*(word == whole for word in TIME_WORDS), *(word in words for word in TIME_WORDS), column.unit in SECONDS]
     return fits.index(True) if any(fits) else None
@@ -292,7 +291,7 @@ def _find_signals_by_name(search: _Search, likely: Sequence[int]) -> None:
 def _question(table: Table, missing: Sequence[str]) -> str:
     remedy = f"name {'it' if len(missing) == 1 else 'them'} with {' and '.join(f'--{role}' for role in missing)}"
     if list(missing) == ["time"]:
-        remedy = "name it with --time, or say --sample-time or --sample-rate if there is none"
+        remedy = "name it with --time, or give --sample-time or --sample-rate if there is none"
     return (
         f"{table.path}: cannot tell which column is the {' and which the '.join(missing)}; its columns are "
         f"{_listed(table)}; {remedy}"

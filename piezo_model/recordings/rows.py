@@ -1,5 +1,5 @@
-"""The rows of a recording while they are checked and repaired, so that what one repair changes all others see; and
-their order in time: sorted rows, repeated stamps, and sweeps or pauses, at which a part begins."""
+"""The rows of a recording while they are checked and repaired, and their order in time: sorted rows, repeated time
+stamps, and restarts or pauses of the times, at which a part begins."""
 
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -10,29 +10,27 @@ from piezo_model.recordings.table import RecordingError, RowName
 from solvers.arrays import Index, Mask, Vector
 
 LEAST_ROWS = 64
-"""Fewest rows in which a value can be told to be unlike the others."""
-
-
+"""Fewest rows in which a value can be recognised as unlike the others."""
 NEAR = 0.75
-"""Largest distance of an interpolated value from a measured one, in sampling periods; farther ones are not counted."""
-LEAST_SWEEP = 16
-"""Fewest rows of a sweep."""
+"""Largest distance of an interpolated value from a measured one, in sampling periods, at which it is counted."""
+LEAST_PART = 16
+"""Fewest rows of a part."""
 LEAST_RETURN = 0.5
-"""Smallest share of a sweep's duration by which the times fall back after it."""
+"""Smallest step back of the times at the end of a part, relative to its duration."""
 LEAST_PAUSE = 10.0
-"""Shortest pause between two parts, in sampling periods and in the steps beside it; a shorter one is a gap."""
+"""Shortest pause between two parts, in sampling periods and in neighbouring steps; a shorter one is a gap."""
 SAME_RATE = 0.02
 """Largest relative difference of the sampling periods of two parts."""
 WINDOW = 65536
-"""Rows that tell the usual step."""
+"""Rows from which the usual step is estimated."""
 SAME_VALUES = 0.9
-"""Smallest share of repeated stamps that repeat the values, too."""
+"""Smallest fraction of repeated time stamps that also repeat the values."""
 TO_AND_FRO, LEAST_JUMP = 10.0, 0.02
-"""Travel of a signal, in ranges, that is no single run, and its mean step where it is read out of order."""
+"""Travel of a signal that is no single run, and its smallest mean step if it is out of order, both in ranges."""
 
 
 def is_near(grid: Vector, times: Vector, period: float) -> Mask:
-    """Whether one of ascending times is near each time of a grid."""
+    """Mask of the times of a grid that have one of the ascending times nearby."""
     after = np.searchsorted(times, grid).clip(1, times.size - 1)
     return np.minimum(np.abs(grid - times[after - 1]), np.abs(times[after] - grid)) <= NEAR * period
 
@@ -47,17 +45,17 @@ class Rows:
     """Names of the signals in sentences."""
     signals: list[Vector]
     where: RowName
-    """Name of a row, as the user counts rows."""
+    """Name of a row as the user counts rows."""
     time_label: str = ""
     times: Vector | None = None
-    """In any unit; None where the period is known without times."""
+    """In any unit; None if the period is known without times."""
     uncounted: Mask = field(init=False)
-    """Rows whose values are not measured ones."""
+    """Mask of rows whose values were not measured."""
     starts: list[int] = field(default_factory=lambda: [0])
     """First row of each part."""
     remarks: list[str] = field(default_factory=list)
     repairs: list[str] = field(default_factory=list)
-    """What was changed, in clauses."""
+    """What was changed, as clauses."""
 
     def __post_init__(self) -> None:
         """Count every row."""
@@ -68,8 +66,8 @@ class Rows:
         """Number of rows."""
         return self.signals[0].size
 
-    def take(self, selection: Index | slice) -> None:
-        """Keep some rows, in this order; a part starts at the first of its rows that are left."""
+    def select(self, selection: Index | slice) -> None:
+        """Keep some rows, in this order; a part starts at the first of its remaining rows."""
         self.signals = [signal[selection] for signal in self.signals]
         self.times = None if self.times is None else self.times[selection]
         self.uncounted = self.uncounted[selection]
@@ -79,43 +77,43 @@ class Rows:
             self.starts = np.unique(np.searchsorted(selection, self.starts)).tolist()
 
     def replace(self, k: int, bad: Mask) -> None:
-        """Draw straight lines over bad values of a signal, which then do not count."""
+        """Interpolate bad values of a signal, which then do not count."""
         at = np.arange(self.length)
         self.signals[k] = np.interp(at, at[~bad], self.signals[k][~bad])
         self.uncounted |= bad
 
     def named(self, at: Index, most: int = 3) -> str:
-        """The first of some rows, as a list for a sentence."""
+        """Names of the first of some rows, for a sentence."""
         names = [self.where(int(row)) for row in at[:most]]
         return ", ".join(names) + (f" and {at.size - most} more" if at.size > most else "")
 
 
 def sort_by_time(rows: Rows) -> None:
-    """Put rows that are sorted by a signal, or by falling times in one or more sweeps, in the order of their times."""
+    """Put rows that are sorted by a signal, or by falling times in one or more runs, in the order of their times."""
     times = rows.times
     if times is None or (times[1:] >= times[:-1]).all():
         return
-    sweeps = np.split(np.arange(rows.length), sweep_starts(times)[1:])
-    if times[sweeps[0][0]] > times[sweeps[0][-1]] and min(map(len, sweeps)) >= min(LEAST_SWEEP, rows.length):
-        order = np.concatenate([sweep[::-1] for sweep in sweeps])
+    runs = np.split(np.arange(rows.length), run_starts(times)[1:])
+    if times[runs[0][0]] > times[runs[0][-1]] and min(map(len, runs)) >= min(LEAST_PART, rows.length):
+        order = np.concatenate([run[::-1] for run in runs])
     elif np.unique(times).size == times.size and any(map(_monotonic, rows.signals)):
         order = np.argsort(times)
     else:
         return
-    rows.repairs.append("its rows were not in the order of their times, by which they are sorted")
-    rows.take(order)
+    rows.repairs.append("its rows were not in the order of their times, and were sorted by time")
+    rows.select(order)
     rows.starts = [0]
 
 
-def sweep_starts(times: Vector) -> list[int]:
-    """The first row of each run of times that rise, or that fall where most of them do."""
+def run_starts(times: Vector) -> list[int]:
+    """The first row of each run of rising times, or of falling times if most of them fall."""
     steps = np.diff(times)
     against = steps < 0.0 if 2 * np.count_nonzero(steps < 0.0) < steps.size else steps > 0.0
     return [0, *(np.flatnonzero(against) + 1).tolist()]
 
 
 def refuse_sorted(rows: Rows) -> None:
-    """Refuse rows without times that are sorted by one signal while the other one jumps to and fro.
+    """Refuse rows without times that are sorted by one signal while the other jumps back and forth.
 
     Raises
     ------
@@ -136,19 +134,19 @@ def refuse_sorted(rows: Rows) -> None:
 
 
 def _monotonic(values: Vector) -> bool:
-    """Whether values never rise or never fall, missing ones apart, and are not constant."""
+    """True if the known values never rise or never fall, and are not constant."""
     steps = np.diff(values[~np.isnan(values)])
     return bool(((steps >= 0.0).all() or (steps <= 0.0).all()) and steps.any())
 
 
 def begin_parts(rows: Rows, even: bool = True) -> None:
-    """Begin a part where the times start again or after a pause, and let the times flow on from part to part.
+    """Begin a part where the times start again or after a pause, and make the times continuous over the parts.
 
     Raises
     ------
     RecordingError
-        With ``even``, parts that are sampled at different rates; otherwise a gap beside a few rows, over which a
-        line would be drawn.
+        With ``even``, parts with different sampling rates; otherwise a gap next to too few rows for a part, which would
+        be interpolated.
     """
     times = rows.times
     if times is None or rows.length < 2:
@@ -157,27 +155,27 @@ def begin_parts(rows: Rows, even: bool = True) -> None:
     positive = steps[:WINDOW][steps[:WINDOW] > 0.0]
     usual = float(np.median(positive)) if positive.size else 0.0
     back = np.flatnonzero(steps < 0.0) + 1
-    sweeps = [0, *back.tolist()]
+    runs = [0, *back.tolist()]
     returns = [
         times[at] - times[at - 1] < -LEAST_RETURN * (times[at - 1] - times[a]) and steps[at - 2] <= LEAST_PAUSE * usual
-        for a, at in zip(sweeps, back, strict=False)
+        for a, at in zip(runs, back, strict=False)
     ]
-    if back.size and min(np.diff([*sweeps, rows.length])) >= LEAST_SWEEP and all(returns):
-        rows.starts = sorted({*rows.starts, *sweeps})
-        rows.remarks.append(f"{len(sweeps)} consecutive sweeps: the times start again in {rows.named(back)}")
+    if back.size and min(np.diff([*runs, rows.length])) >= LEAST_PART and all(returns):
+        rows.starts = sorted({*rows.starts, *runs})
+        rows.remarks.append(f"{len(runs)} parts: the times start again in {rows.named(back)}")
     long = np.flatnonzero(steps > LEAST_PAUSE * usual)
     alone = steps[long] > LEAST_PAUSE * np.maximum(steps[long - 1], np.abs(steps[(long + 1) % steps.size]))
     pauses = np.setdiff1d(long[alone] + 1, rows.starts)
-    long_enough = min(np.diff(sorted({*rows.starts, *pauses.tolist(), rows.length}))) >= LEAST_SWEEP
+    long_enough = min(np.diff(sorted({*rows.starts, *pauses.tolist(), rows.length}))) >= LEAST_PART
     if pauses.size and not even and not long_enough:
         raise RecordingError(
-            f"{rows.path}: {rows.time_label} has a gap before {rows.named(pauses)} and fewer than {LEAST_SWEEP} rows "
-            "beside it; leave these rows out with --from or --to"
+            f"{rows.path}: {rows.time_label} has a gap before {rows.named(pauses)} and fewer than {LEAST_PART} rows "
+            "next to it; exclude these rows with --from or --to"
         )
     if pauses.size and long_enough:
         rows.starts = sorted({*rows.starts, *pauses.tolist()})
         many = "a pause" if pauses.size == 1 else f"{pauses.size} pauses"
-        rows.repairs.append(f"{many} in its times, before {rows.named(pauses)}: the operator states start anew there")
+        rows.repairs.append(f"{many} in its times, before {rows.named(pauses)}: a new part begins there")
     if later := rows.starts[1:]:
         if even:
             _refuse_other_rates(rows, times)
@@ -189,7 +187,7 @@ def begin_parts(rows: Rows, even: bool = True) -> None:
 
 
 def _refuse_other_rates(rows: Rows, times: Vector) -> None:
-    """Refuse parts whose mean periods differ by more than the rounding of their ends."""
+    """Refuse parts whose mean sampling periods differ by more than the rounding of their ends."""
     bounds = [*rows.starts, rows.length]
     means = [(times[end - 1] - times[a]) / max(end - a - 1, 1) for a, end in pairwise(bounds)]
     for start, end, mean in zip(bounds[1:], bounds[2:], means[1:], strict=False):
@@ -203,14 +201,15 @@ def _refuse_other_rates(rows: Rows, times: Vector) -> None:
 
 
 def drop_repeats(rows: Rows) -> bool:
-    """Leave out rows that repeat the time before them, if nearly all repeat its values, too; whether there were any."""
+    """Drop rows that repeat the previous time, if nearly all also repeat its values; True if any were dropped."""
     assert rows.times is not None
     again = np.flatnonzero(np.diff(rows.times) == 0.0) + 1
     same = np.all([np.diff(signal)[again - 1] == 0.0 for signal in rows.signals], axis=0)
     if not again.size or np.count_nonzero(same) < SAME_VALUES * again.size:
         return False
     rows.repairs.append(
-        f"{again.size} of {rows.length} rows repeat the time before them, nearly all with its values, and were left out"
+        f"{again.size} of {rows.length} rows repeat the time of the previous row, nearly all with the same values, and "
+        "were dropped"
     )
-    rows.take(np.delete(np.arange(rows.length), again))
+    rows.select(np.delete(np.arange(rows.length), again))
     return True

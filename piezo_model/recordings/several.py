@@ -1,4 +1,4 @@
-"""Several recordings of one stage as one, of which each keeps its sampling period."""
+"""Several recordings of one stage as one, each with its own sampling period."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -21,7 +21,7 @@ class Recordings(Recording):
 
     @classmethod
     def concatenate(cls, recordings: Sequence[Recording], weights: Sequence[float] | None = None) -> Self:
-        """Put recordings in the same units together; equal weights by default."""
+        """Concatenate recordings in the same units; with equal weights by default."""
         first = recordings[0]
         ends = np.cumsum([0, *(recording.length for recording in recordings)])
         x_ends, y_ends = zip(*((recording.x_range, recording.y_range) for recording in recordings), strict=True)
@@ -51,7 +51,7 @@ class Recordings(Recording):
 
     @property
     def time(self) -> Vector:
-        """Time, shape (samples,), from the middle of each recording on, from −1 to 1 over the longest one."""
+        """Time since the middle of each recording, shape (samples,), from −1 to 1 over the longest one."""
         return np.concatenate(
             [recording.time * (recording.duration_s / self.duration_s) for recording in self.recordings]
         )
@@ -64,7 +64,7 @@ class Recordings(Recording):
 
     @property
     def owners(self) -> list[int]:
-        """For each part the number of its recording."""
+        """Number of the recording to which each part belongs."""
         return [i for i, recording in enumerate(self.recordings) for _ in recording.starts]
 
     @property

@@ -1,7 +1,7 @@
-"""A table: named columns of a file, each read as a whole array when it is asked for.
+"""A table: named columns of a file, each read as a whole array on request.
 
-A reader of a format gives batches of rows; ``Table.read`` joins those of the chosen columns, and only of the
-selected rows, to float64 arrays in which a missing cell is NaN and a clock counts seconds since its first time.
+The reader of a format yields batches of rows. ``Table.read`` joins the selected rows of the chosen columns to float64
+arrays, in which a missing cell is NaN and a clock counts seconds since its first time.
 """
 
 import re
@@ -20,18 +20,18 @@ from solvers.arrays import Vector
 
 Kind = Literal["number", "clock", "flag", "text", "empty"]
 PROFILED = 1_000_000
-"""Rows from the start that are looked at to tell what a column is."""
+"""Rows from the start that are profiled to recognise a column."""
 KINDS: Mapping[str, Kind] = {**dict.fromkeys("iuf", "number"), **dict.fromkeys("mM", "clock"), "b": "flag"}
 """Kind of a column by the kind code of its NumPy type."""
 ABSURD = 1e30
 """Smallest magnitude that is not a measured value: instruments write 9.9e37 for an overload."""
 COPIES = 4
-"""Columns in memory for each one that is read, until a recording has been checked."""
+"""Copies of each column in memory until a recording has been checked."""
 MOST_COLUMNS = 10_000
 MOST_BYTES = 2 << 30
 """Largest size of values that a library reads at once; it may hold another copy of them."""
 FEW_ROWS = 16
-"""Rows of which a table beside longer ones has more; a shorter one above another is its preamble."""
+"""Largest number of rows of a preamble above a longer table."""
 RowName = Callable[[int], str]
 """Name of a row counted from 0, as the user counts rows."""
 
@@ -75,14 +75,14 @@ class Column:
 
 
 class Profile(NamedTuple):
-    """What the values of a column tell where its name does not, values apart that are missing or absurd."""
+    """Evidence from the values of a column, without missing and absurd ones."""
 
     low: float
     high: float
     rises: bool
-    """Never falls, and is not constant."""
+    """True if it never falls and is not constant."""
     counts: bool
-    """Increases by one in every row: an index."""
+    """True if it increases by one in every row, like an index."""
 
 
 def _profile(values: Vector) -> Profile:
@@ -108,28 +108,28 @@ class Table:
     columns: tuple[Column, ...]
     """In the order of the file."""
     batches: Callable[[Sequence[int]], Iterable[Sequence[Any]]] = field(repr=False)
-    """The columns at some positions, some rows at a time: numbers, datetime64, timedelta64, or clocks as text."""
+    """The columns at some positions, in batches of rows: numbers, datetime64, timedelta64, or clocks as text."""
     where: RowName = field(default=lambda row: f"data row {row + 1}", repr=False)
     repairs: tuple[str, ...] = ()
-    """Rows that are left out, as clauses."""
+    """Rows that were dropped, as clauses."""
     clocks: Callable[..., np.ndarray] | None = field(default=None, repr=False)
-    """Times of a column of clocks as text, of its batches and of label and rows for error messages."""
+    """Converts the batches of a column of clocks to times, given the label and the names of rows for error messages."""
     title: str = ""
     """Name of its sheet, or the text above it, by which the user chooses among the tables of a file."""
     rows: int = 0
-    """About how many rows it has, beside other tables."""
+    """Approximate number of rows, for a choice among several tables."""
 
     @cached_property
     def names(self) -> list[str]:
-        """Names of the columns, those that repeat with their number."""
+        """Names of the columns; repeated names have their position added."""
         return distinct([column.name for column in self.columns])
 
     def label(self, k: int) -> str:
-        """File and column, the start of a sentence."""
+        """File and column, for the start of a message."""
         return f"{self.path}: column {self.names[k]!r}"
 
     def profiles(self, columns: Sequence[int]) -> dict[int, Profile]:
-        """What the values of columns tell, by position."""
+        """Profiles of columns, by position."""
         return dict(zip(columns, map(_profile, self.read(columns, slice(PROFILED))), strict=True)) if columns else {}
 
     def read(self, columns: Sequence[int], rows: slice = slice(None)) -> list[Vector]:
@@ -138,7 +138,7 @@ class Table:
         Raises
         ------
         RecordingError
-            The columns are of different lengths, damaged, or larger than the memory that is free.
+            The columns have different lengths, are damaged, or do not fit into free memory.
         """
         if len({self.columns[k].rows for k in columns}) > 1:
             lengths = ", ".join(f"{self.names[k]!r} has {self.columns[k].rows} rows" for k in columns)
@@ -154,7 +154,7 @@ class Table:
             selected += len(batch[0][begin:end:step])
             if selected > most:
                 raise RecordingError(
-                    f"{self.path}: has more than {selected} rows, too many for the free memory; read a part of it with "
+                    f"{self.path}: has more than {selected} rows, too many for the free memory; read part of it with "
                     "--from and --to (seconds), or every tenth row with --decimate 10"
                 )
             for k, values, read in zip(columns, batch, chunks, strict=True):
@@ -186,15 +186,15 @@ def seconds_since_first(times: np.ndarray) -> Vector:
 
 
 def check_size(path: Path | str, size: float, most: int | None = None) -> None:
-    """Refuse values by the size that their file states, before they are read."""
+    """Refuse values before they are read, by the size that their file states."""
     if size > (most := most or MOST_BYTES):
         raise RecordingError(
-            f"{path}: states that its values take more than {most / 1e9:.3g} GB, and no more are read at once"
+            f"{path}: states that its values take more than {most / 1e9:.3g} GB, the most that is read at once"
         )
 
 
 def free_memory() -> float:
-    """Bytes of memory that are free, or can be; infinite where the system does not say."""
+    """Available memory in bytes; infinite if the system does not state it."""
     try:
         with open("/proc/meminfo", encoding="ascii") as file:
             return 1024.0 * next(float(line.split()[1]) for line in file if line.startswith("MemAvailable"))
@@ -213,7 +213,7 @@ def distinct(names: Sequence[str]) -> list[str]:
 
 
 def printable(text: str) -> str:
-    """A text without characters that cannot be printed, and in one line.
+    """A text in one line, without characters that cannot be printed.
 
     >>> printable("drive\x1a_V")
     'drive_V'

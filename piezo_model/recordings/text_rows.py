@@ -1,9 +1,8 @@
 """The rows of a text file, parsed by Arrow: whole lines in UTF-8, one separator, nothing but rows.
 
-Text that Arrow cannot parse is removed block by block: comments and repeated headers among the rows, runs of blanks,
-a remark or half a row at the end. If Arrow refuses a block, a second and slower pass names the
-first wrong cell and its row as an editor counts it.
-"""
+Text that Arrow cannot parse is removed block by block: comments and repeated headers among the rows, runs of blanks, a
+remark or half a row at the end. If Arrow refuses a block, a second, slower pass finds the first wrong cell and its row
+as an editor counts it."""
 
 import codecs
 import re
@@ -22,13 +21,13 @@ from piezo_model.recordings.table import RecordingError, first_line
 
 BLOCK_BYTES = LONGEST_LINE = 1 << 20
 LARGEST_BLOCK = 1 << 24
-"""Bytes of a block with the rest of the one before, in UTF-8."""
+"""Bytes of a block with the rest of the previous one, in UTF-8."""
 TAIL_BYTES, MOST_TRUNCATED = 1 << 16, 2
 MARGINS = re.compile(r"^[ \t]+|(?<![ \t])[ \t]++(?=\r?$)", re.MULTILINE)
 
 
 class Source(NamedTuple):
-    """A text, in a file or of a sheet."""
+    """A text in a file or a sheet."""
 
     path: Path
     open: Callable[[], BinaryIO]
@@ -53,7 +52,7 @@ class TextRows:
     """Lines of the file above those that the layout counts."""
 
     def batches(self, at: Sequence[int]) -> Iterator[list[Any]]:
-        """Columns, some rows at a time; clocks as text.
+        """Columns in batches of rows, with clocks as text.
 
         Raises
         ------
@@ -93,11 +92,11 @@ class TextRows:
                 yield [columns[k] if k in clocks else array_of(columns[k]) for k in at]
 
     def where(self, row: int) -> str:
-        """Row of the file as an editor counts it, and data row counted from 0."""
+        """Name of a data row counted from 0: its row in the file as an editor counts, and its data row from 1."""
         return next((place for k, place, _ in self._named_rows(row) if k == row), f"data row {row + 1}")
 
     def _named_rows(self, first: int = 0) -> Iterator[tuple[int, str, str]]:
-        """Number, name and text of each row; blocks of rows alone before the ``first`` one are passed over."""
+        """Number, name and text of each row; blocks with nothing but rows before the ``first`` one are skipped."""
         number, row = self.line + self.layout.start, 0
         of = f" of sheet {self.source.sheet!r}" if self.source.sheet else ""
         for block in blocks_of(self.source, self.encoding, self.start, self.stop):
@@ -112,7 +111,7 @@ class TextRows:
                     row += 1
 
     def _complaint(self, chosen: Sequence[int], error: Exception) -> str:
-        """A sentence about the first row that cannot be read; Arrow's own if the text shows nothing wrong."""
+        """A message about the first row that cannot be read; Arrow's own if no row seems wrong."""
         dialect, columns = self.layout.dialect, self.layout.columns
         for _, place, line in self._named_rows():
             cells = dialect.split(line)
@@ -125,17 +124,17 @@ class TextRows:
                 shown = repr(cell if len(cell) <= 40 else cell[:37] + "…")
                 start = f"{self.source.path}: column {columns[at].name!r} holds {shown} in {place}"
                 if dialect.decimal == "." and replace(dialect, decimal=",").kind(cell) == "number":
-                    return f"{start}, a decimal comma where the other numbers have points"
+                    return f"{start}, a decimal comma while the other numbers have points"
                 return f"{start}, where a number is needed" + (", not a flag" if cell.lower() in FLAGS else "")
         return f"{self.source.path}: cannot be read as a table: {first_line(error)}"
 
     @cached_property
     def _marks(self) -> tuple[str, ...]:
-        """The marks that start a comment; the separator may also follow an empty first cell."""
+        """The marks that start a comment, without the separator, which may also follow an empty first cell."""
         return tuple(mark for mark in COMMENT_MARKS if mark != self.layout.dialect.separator)
 
     def _is_plain(self, block: str) -> bool:
-        """Whether all lines of a block are rows."""
+        """True if all lines of a block are rows."""
         blank = "\n\n" in block or "\n\r" in block or "\r\r" in block or block.isspace() or block[:1] in "\r\n"
         signs = *self._marks, *(max(remark.split("0"), key=len) for remark in self.layout.remarks)
         return not blank and not any(sign in block for sign in signs)
@@ -156,7 +155,7 @@ class TextRows:
 
 
 def blocks_of(source: Source, encoding: str, start: int, stop: int) -> Iterator[str]:
-    """What is between two bytes of a text, in blocks of whole lines."""
+    """The text between two byte positions, in blocks of whole lines."""
     decoder = codecs.getincrementaldecoder(encoding)(errors="replace")
     rest = ""
     with source.open() as file:
@@ -169,14 +168,14 @@ def blocks_of(source: Source, encoding: str, start: int, stop: int) -> Iterator[
                 rest = rest[cut:]
             elif len(rest) > LONGEST_LINE:
                 raise RecordingError(
-                    f"{source.path}: a line is longer than {LONGEST_LINE} characters, which no row of a table is"
+                    f"{source.path}: a line is longer than {LONGEST_LINE} characters, the limit for a row"
                 )
     yield rest
 
 
 def end_of_rows(source: Source, encoding: str, layout: Layout, start: int, size: int) -> tuple[int, int]:
-    """Byte after the last row of a table up to some byte, and the number of lines below it that are not rows: a remark,
-    or a truncated row, but not several rows of another width."""
+    """Byte after the last row of a table that ends before ``size``, and the number of lines below it that are not rows:
+    a remark or a truncated row, but not several rows of another width."""
     dialect = layout.dialect
     begin = max(start, size - TAIL_BYTES)
     begin += (begin - start) % (2 if encoding.startswith("utf-16") else 1)

@@ -1,8 +1,8 @@
 """Writes columns of numbers to a CSV or Parquet file, completely or not at all.
 
-The columns are checked before the first byte is written, and the table is written beside its target and renamed over
-it (:mod:`piezo_model.atomic_file`): a reader sees the old file or the new one, and a failure leaves the old one
-unchanged. CSV follows RFC 4180 with the shortest decimals that give the same float64 back.
+The columns are checked before the first byte is written. The table is written next to its target and renamed over it
+(:mod:`piezo_model.atomic_file`): a reader sees the old file or the new one, and a failure leaves the old one unchanged.
+CSV follows RFC 4180, with the shortest decimals that give the same float64 back.
 """
 
 import csv

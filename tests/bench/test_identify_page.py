@@ -169,7 +169,7 @@ def test_the_review_repeats_the_fit_of_the_report() -> None:
         found = review(recording(x, np.concatenate([y[:1], y[:1], y[:-2]])), model)
         counted = found.error[found.skipped :]
         assert np.sqrt(np.mean(counted**2)) == pytest.approx(model.report["fit"]["rms"], rel=0.02)
-    assert any("a loop that the sensor closes has it" in sentence for sentence in found.sentences)
+    assert any("a loop closed by the sensor has it" in sentence for sentence in found.sentences)
 
 
 def test_thresholds_that_were_never_reached_are_named_in_the_advice() -> None:

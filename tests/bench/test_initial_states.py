@@ -50,7 +50,7 @@ def test_a_simulated_drive_has_the_error_that_identify_reports(
     call = piezobench(
         "simulate", desk / "model.json", desk / "stage.csv", "--input", "voltage_V", "--out", tmp_path / "y.csv"
     )
-    assert "Begins with the states that identify found before its recording." in call.stdout
+    assert "The stage begins in the states that identify found before its recording." in call.stdout
     reported = json.loads((desk / "model.json").read_text())["report"]["fit"]["rms_percent"]
     assert rms_percent(column(tmp_path / "y.csv", 2), column(desk / "stage.csv", 2)) == pytest.approx(
         reported, rel=1e-6
@@ -66,7 +66,7 @@ def test_the_compensated_drive_of_the_recorded_output_is_the_recorded_drive(
             "compensate", desk / "model.json", desk / "wanted.csv", "--start", start, "--out", tmp_path / "x.csv"
         )
         assert (
-            "Begins with the states" if start == "recording" else f"Begins settled at {quantity(low_end, 'V')}."
+            "begins in the states" if start == "recording" else f"begins settled at {quantity(low_end, 'V')}."
         ) in call.stdout
         errors[start] = rms_percent(column(tmp_path / "x.csv", 1), column(desk / "stage.csv", 1))
     assert errors["recording"] < 1.0

@@ -98,8 +98,8 @@ def test_a_recording_in_two_files_is_inspected_identified_validated_and_raced(
         call = piezobench.run(*verb, *two, "--page", f"{verb[0]}.html", folder=desk)
         assert "u.csv and y.csv: two files" in call.stdout
     model = json.loads((desk / "m.json").read_text())
-    assert model["report"]["remarks"] == ["seconds are a guess, since no unit of the times is stated"]
-    assert "Seconds are a guess" in (desk / "identify.html").read_text()
+    assert model["report"]["remarks"] == ["seconds are assumed, since no unit of the times is stated"]
+    assert "Seconds are assumed" in (desk / "identify.html").read_text()
     assert model["report"]["recording"] == Recording.open(desk / "whole.csv").digest()
     piezobench.run("race", *two, "--solver", "box_active_set", "--limit", 1, "--out", desk, "--name", "r", folder=desk)
     assert (

@@ -18,8 +18,8 @@ from piezo_model.units import quantity
 
 T = 1e-4
 DYNAMICS = Dynamics((400.0,), (0.02,), (1.0,), 1.5 * T)
-LEFT_OUT = "The model is without dynamics although the stage has a resonance at"
-FASTEST = "is without the fastest modes, of which it has the static gain, although the stage has a resonance at 400 Hz"
+LEFT_OUT = "The model has no dynamics although the stage has a resonance at"
+FASTEST = "has only the static gain of the fastest modes although the stage has a resonance at 400 Hz"
 
 
 @pytest.fixture(scope="module")
@@ -131,7 +131,7 @@ def test_the_model_is_deployed_and_learns_with_its_dynamics_or_with_a_warning(
         *(
             (
                 (*words, "--integral-gain", gain, *option),
-                f" per second, not {gain}: beside a resonance at 400 Hz",
+                f" per second, not {gain}: with a resonance at 400 Hz",
             )
             for words in (
                 ("export-c", "0.json", "c"),

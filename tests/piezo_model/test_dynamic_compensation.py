@@ -158,7 +158,7 @@ def test_the_largest_gain_of_integral_action_is_that_from_which_on_the_loop_does
 def test_a_gain_with_which_the_loop_would_be_unstable_is_refused_and_nothing_changes() -> None:
     model, unstable = (
         model_of(ONE),
-        r"integral_gain must be below .* per second, not 5000: beside a resonance at 500 Hz",
+        r"integral_gain must be below .* per second, not 5000: with a resonance at 500 Hz",
     )
     for changed in (model, model.static):
         with pytest.raises(ModelError, match=unstable):
@@ -171,7 +171,7 @@ def test_a_gain_with_which_the_loop_would_be_unstable_is_refused_and_nothing_cha
         CompensatorBank(model.structure, 2, dynamics=ONE, integral_gain=5000.0)
     compensator = Compensator(model, integral_gain=1000.0)
     with pytest.raises(
-        ModelError, match=r"integral_gain must be below .* per second, not 1000: beside a resonance at 80"
+        ModelError, match=r"integral_gain must be below .* per second, not 1000: with a resonance at 80"
     ):
         compensator.change_model(replace(model, dynamics=replace(ONE, frequencies_Hz=(80.0,))))
     assert compensator.model == model

@@ -216,7 +216,7 @@ def test_validation_finds_the_start_and_removes_the_offset_between_sessions() ->
     assert found.shift == pytest.approx(0.4, abs=0.01)
     assert found.fit.rms_percent < 2.0 * model.report["fit"]["rms_percent"]
     assert any(
-        f"shifted by a constant {quantity(found.shift, 'um', 3)} (" in sentence and "without it" in sentence
+        f"by a constant {quantity(found.shift, 'um', 3)} (" in sentence and "without it" in sentence
         for sentence in found.sentences()
     )
 

@@ -63,7 +63,7 @@ def test_columns_are_guessed_from_the_header_and_reported(
     recording = Recording.open(text_file(tmp_path, header, *(line.format(k, k % 3) for k in range(9))))
     assert recording.columns == {"time": time, "input": x, "output": y}
     assert (recording.x_range, recording.y_range) == ((10, 12), (20, 22))
-    assert "guessed: time, input, output by name (otherwise --time, --input, --output)" in recording.describe()
+    assert "guessed: time, input, output by name (override with --time, --input, --output)" in recording.describe()
     assert all(repr(name) in recording.describe() for name in (time, x, y))
 
 
@@ -72,7 +72,7 @@ def test_named_columns_are_taken_and_are_no_guesses(tmp_path: Path) -> None:
     recording = Recording.open(stage, input="displacement_um", output="voltage_V")
     assert (recording.input_unit, recording.output_unit) == ("um", "V")
     assert recording.reasons == {"time": "by name"}
-    assert "guessed: time by name (otherwise --time)" in recording.describe()
+    assert "guessed: time by name (override with --time)" in recording.describe()
     assert "guessed" not in Recording.open(stage, "time_s", "voltage_V", "displacement_um").describe()
 
 
@@ -105,7 +105,7 @@ def test_times_become_seconds(tmp_path: Path, name: str, seconds: float) -> None
     path = text_file(tmp_path, f"{name},u,y", *(f"{step * k:.9g},{k % 3},{k % 5}" for k in range(40)))
     recording = Recording.open(path)
     assert recording.sample_time == pytest.approx(step * seconds, rel=1e-12)
-    assert ("seconds are a guess" in recording.describe()) == (name == "time")
+    assert ("seconds assumed" in recording.describe()) == (name == "time")
 
 
 def kept_back(

@@ -132,7 +132,7 @@ REFUSED: list[tuple[list[str], dict[str, Any], str]] = [
     (
         ["u,y", "1,2", "2,3", "3,3", "4,2"],
         {},
-        "cannot tell which column is the time; its columns are 'u', 'y'; name it with --time, or say --sample-time or "
+        "cannot tell which column is the time; its columns are 'u', 'y'; name it with --time, or give --sample-time or "
         "--sample-rate",
     ),
     (["index,u,y", "1,1,2", "2,2,3", "3,3,3", "4,2,2"], {}, "cannot tell which column is the time"),
@@ -166,7 +166,7 @@ REFUSED: list[tuple[list[str], dict[str, Any], str]] = [
     (
         timed(EVEN),
         {"time": "1", "sample_time": 0.01},
-        "so that the time column '1' would not be read; give one of the two",
+        "with a sampling period the time column '1' would not be read; give one of the two",
     ),
     # times
     (
@@ -244,12 +244,12 @@ REFUSED: list[tuple[list[str], dict[str, Any], str]] = [
     (waves(TWO_RATES), {}, "--resample 0.0002 interpolates to an even clock"),
     (waves(np.delete(np.arange(400) * 1e-3, slice(200, 208))), {}, "interpolates to an even clock"),
     (waves(np.sort(np.random.default_rng(0).uniform(0, 0.4, 400))), {}, "interpolates to an even clock"),
-    (waves(TWO_RATES), {"resample": 1e-3, "time": "none"}, "say --sample-time or --sample-rate"),
+    (waves(TWO_RATES), {"resample": 1e-3, "time": "none"}, "give --sample-time or --sample-rate"),
     (waves(TWO_RATES), {"resample": 1e3}, "makes 1 samples of 500 rows"),
     (
         waves(np.arange(500) * 1e-3),
         {"sample_time": 1e-2},
-        "lasts 0.499 s by its time column 'time_s' and 4.99 s by --sample-time 0.01; leave out",
+        "lasts 0.499 s by its time column 'time_s' and 4.99 s by --sample-time 0.01; omit",
     ),
     # comments, headers and blank lines among the rows, which shift no row that is named
     (

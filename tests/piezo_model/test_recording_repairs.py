@@ -86,7 +86,7 @@ REPAIRED: dict[str, tuple[str, str, slice, int]] = {
     ),
     "two bad samples, tabs": (
         table(T, changed(X, 400, 99.0), changed(Y, 1200, 0.0), separator="\t"),
-        "voltage_V' is 99 in row 402 .* beside",
+        "voltage_V' is 99 in row 402 .* next to",
         slice(0),
         2,
     ),
@@ -107,7 +107,7 @@ REPAIRED: dict[str, tuple[str, str, slice, int]] = {
     ),
     "two sweeps in falling times": (
         table(np.tile(T[:1000][::-1], 2), X[TURNED], Y[TURNED]),
-        "2 consecutive sweeps",
+        "2 parts: the times start again",
         slice(0),
         0,
     ),
@@ -119,7 +119,7 @@ REPAIRED: dict[str, tuple[str, str, slice, int]] = {
     ),
     "a sensor that is held": (
         table(T, X, np.repeat(Y[::4], 4)),
-        "is held for 4 rows, since the sensor is slower than the drive: 1500 of 2000",
+        "holds each value for 4 rows, as of a sensor slower than the drive: 1500 of 2000",
         slice(0),
         1500,
     ),
@@ -187,7 +187,7 @@ SPOILED: dict[str, tuple[str, dict[str, Any], str]] = {
     "a gap beside a few rows": (
         table(*(np.delete(values, slice(8, 98)) for values in (T, X, Y))),
         {"resample": PERIOD},
-        "has a gap before row 10 .* leave these rows out with --from or --to",
+        "has a gap before row 10 .* exclude these rows with --from or --to",
     ),
     "lost decimal marks of the times": (table(np.round(T * 1e6), X, Y, digits=12), {}, "one sample every 5000 s; is a"),
     "a resampling by mistake": (CLEAN, {"resample": 1e-6}, "makes 9995001 samples of 2000 rows"),
@@ -241,7 +241,7 @@ def test_sweeps_below_each_other_are_parts(tmp_path: Path, kind: str) -> None:
     assert (recording.length, recording.starts, recording.sample_time) == (N, (0, 1000), PERIOD)
     for samples in recording.parts:
         np.testing.assert_allclose([recording.x[samples], recording.y[samples]], [X[SWEEP], Y[SWEEP]], rtol=1e-6)
-    assert "2 consecutive sweeps" in recording.describe()
+    assert "2 parts: the times start again" in recording.describe()
     part = Recording.open(tmp_path / "stage.csv", from_s=1.0, to_s=2.0)
     assert (part.length, part.starts) == (402, (0, 201))
 
@@ -324,7 +324,7 @@ def test_seconds_that_nobody_states_are_called_a_guess_and_a_unit_of_time_settle
     stamps = np.cumsum(np.random.default_rng(0).choice([4, 5, 6], N)).astype(float)
     text = table(stamps, X, Y, header=("t", "u", "y"))
     guessed, told = opened(tmp_path, text), opened(tmp_path, text, time_unit="ms")
-    assert re.search(r"one every 5.* s \(seconds are a guess, otherwise --time-unit\)", guessed.describe())
+    assert re.search(r"one every 5.* s \(seconds assumed; override with --time-unit\)", guessed.describe())
     assert (guessed.guessed_seconds, told.guessed_seconds) == (True, False)
     assert (told.sample_time, "guess," in told.describe()) == (pytest.approx(0.005, rel=0.01), False)
 
@@ -351,7 +351,7 @@ def test_a_part_is_read_by_seconds_and_every_tenth_row(
     assert part.sample_time == pytest.approx(10 * PERIOD)
     assert "one row in 10" in part.describe()
     monkeypatch.setattr("piezo_model.recordings.table.free_memory", lambda: 100_000.0)
-    assert "read a part of it with --from and --to (seconds), or every tenth row" in refusal(path)
+    assert "read part of it with --from and --to (seconds), or every tenth row" in refusal(path)
     assert Recording.open(path, to_s=1.0).length == 201
 
 

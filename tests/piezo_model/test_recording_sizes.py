@@ -109,7 +109,7 @@ def long_text(path: Path) -> None:
         changed.writestr("xl/sharedStrings.xml", f'<sst xmlns="{space}"><si><t>{"x" * 10**5}</t></si></sst>')
 
 
-MORE = "states that its values take more than 0.268 GB, and no more are read at once"
+MORE = "states that its values take more than 0.268 GB, the most that is read at once"
 HOSTILE: dict[str, tuple[Callable[[Path], Any], str]] = {
     "HDF5": (hdf5(time=HUGE, voltage=HUGE, displacement=HUGE), MORE),
     "HDF5 batch": (hdf5(time=10**6, voltage=(10**6, 1000), displacement=(10**6, 1000)), MORE),

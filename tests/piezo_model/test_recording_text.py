@@ -181,7 +181,7 @@ def test_a_recording_describes_its_dialect_and_guesses_in_two_lines(tmp_path: Pa
     assert second == (
         "input 'Spannung' from 0.000143 to 100 V, output 'Höhe' from -45.01 to -34.98 µm; guessed: time, "
         "input, output by "
-        "name (otherwise --time, --input, --output)"
+        "name (override with --time, --input, --output)"
     )
 
 

@@ -3,7 +3,7 @@
     read(path) -> Arrays              named arrays, units, sampling periods (`array_table`), or tables
     Format(name, recognises, read)    in FORMATS
 
-A reader whose library reads values at once asks `table.check_size` first whether what the file states is not too much.
+If its library reads all values at once, a reader first passes the size that the file states to `table.check_size`.
 """
 
 import warnings
@@ -24,12 +24,12 @@ HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
 def begins(*marks: bytes) -> Callable[[Path, bytes], bool]:
-    """Whether a file begins with one of some marks."""
+    """A test of whether a file begins with one of some marks."""
     return lambda path, head: head.startswith(marks)
 
 
 def holds(member: str) -> Callable[[Path, bytes], bool]:
-    """Whether a file is an archive with a member whose name ends so."""
+    """A test of whether a file is an archive with a member whose name ends with ``member``."""
 
     def recognises(path: Path, head: bytes) -> bool:
         if not (head.startswith(b"PK\x03\x04") and zipfile.is_zipfile(path)):
@@ -50,7 +50,7 @@ class Format(NamedTuple):
     read: Callable[..., Any]
     """Of the path, and the values of the options that it takes."""
     takes: tuple[str, ...] = ()
-    """Options that apply to this format and not to all."""
+    """Options that apply only to some formats, including this one."""
 
 
 FORMATS = (
@@ -95,7 +95,7 @@ def open_tables(path: str | Path, options: ReadOptions) -> list[Table]:
         for name in ("header_row", "decimal", "table"):
             if getattr(options, name) is not None and name not in format.takes:
                 raise RecordingError(f"{path}: is {format.name}, which takes no {name.replace('_', ' ')}")
-        with warnings.catch_warnings(action="ignore"):  # of libraries
+        with warnings.catch_warnings(action="ignore"):  # from libraries
             contents = format.read(path, *(getattr(options, name) for name in format.takes if name != "table"))
             tables: list[Table] = [table_of(path, contents)] if isinstance(contents, Arrays) else contents
     except RecordingError:

@@ -1,5 +1,5 @@
-"""Apache Parquet, and the stream of Arrow batches that ``piezobench live`` leaves if it is interrupted, which is read
-up to its last whole batch; both by Arrow, a batch of rows at a time."""
+"""Apache Parquet, and the stream of Arrow batches that an interrupted ``piezobench live`` leaves behind, up to its last
+complete batch; both are read by Arrow, a batch of rows at a time."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence

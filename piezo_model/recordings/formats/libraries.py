@@ -1,16 +1,16 @@
 """Formats that a library reads, each by one function that returns named arrays.
 
-NumPy: ``.npy`` is mapped into memory; of an ``.npz`` nothing that is pickled is read.
+NumPy: ``.npy`` is mapped into memory; pickled arrays in an ``.npz`` are not read.
 
 HDF5 and NeXus: every dataset of numbers is a column, or several, by its path ``group/channel``. The attribute
 ``units`` (NeXus) or ``unit`` gives the unit, and a scalar dataset or an attribute with the name of a sampling rate or
 period gives the period.
 
-MATLAB, versions 5 to 7 by scipy (7.3 is HDF5): a struct with fields ``Name`` (or ``label``)
-and ``Data`` (or ``values``), as of Simulink and dSPACE, is a channel of that name. Any other variable is a column named
-by its path; a cell array gives one for each cell.
+MATLAB, versions 5 to 7 by SciPy (7.3 is HDF5): a struct with fields ``Name`` (or ``label``) and ``Data`` (or
+``values``), as from Simulink and dSPACE, is a channel of that name. Any other variable is a column named by its path; a
+cell array gives one column for each cell.
 
-TDMS of National Instruments by npTDMS: channels are ``group/channel``, and a waveform has its sampling period.
+TDMS of National Instruments, by npTDMS: channels are ``group/channel``, and a waveform has its sampling period.
 """
 
 import logging
@@ -30,7 +30,7 @@ ATTRIBUTES = ("Unit", "Units", "unit", "units")
 """Names of the attribute with the unit; the last one present is used."""
 NAMES, VALUES, FIELD_UNITS = ("name", "label", "title"), ("data", "values", "value", "y"), ("unit", "units")
 AT_ONCE, MOST_UNITS = 320_000_000, 16
-"""Bytes of the datasets of an HDF5 file that are read without being asked for, and units of one of them."""
+"""Most bytes of the datasets of an HDF5 file that are read at once; most units of a dataset."""
 PROPERTIES = ("unit_string", "NI_UnitDescription", "unit", "Unit")
 
 
@@ -49,7 +49,7 @@ def read_npz(path: Path) -> Arrays:
 
 
 def read_hdf5(path: Path) -> Arrays:
-    """List the datasets, which are read when they are asked for."""
+    """The datasets, which are read on request."""
     import h5py
 
     datasets: list[Any] = []
@@ -78,7 +78,7 @@ def read_hdf5(path: Path) -> Arrays:
 
 
 def refuse_other_files(path: Path, file: Any) -> None:
-    """Refuse an open HDF5 file that takes values from others: it would show the bytes of any file of this machine."""
+    """Refuse an HDF5 file that refers to other files, since it could show the bytes of any file on this machine."""
     import h5py
 
     def elsewhere(name: str, item: Any) -> str | None:  # None goes on

@@ -1,8 +1,8 @@
 """MATLAB files of versions 5 to 7, which SciPy reads when their size is known.
 
 A variable may be compressed a thousandfold, and an array in a cell or a field may state any shape. So compressed
-variables are first unpacked piece by piece and forgotten, and then SciPy's reader is asked for each header it meets.
-"""
+variables are first unpacked in chunks and discarded to find their size, and SciPy's reader is then checked at each
+header."""
 
 import math
 import struct

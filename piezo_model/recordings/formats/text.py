@@ -1,4 +1,4 @@
-"""Plain text of every kind: its first lines tell how it is written (`layout`), then Arrow parses it (`text_rows`)."""
+"""Plain text of every kind: its layout follows from the first lines (`layout`), then Arrow parses it (`text_rows`)."""
 
 import codecs
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ def tables_of(source: Source, header_row: int | None, decimal: str | None) -> li
     Raises
     ------
     RecordingError
-        A text that is none, or a file without rows of numbers.
+        A file that is not text, or has no rows of numbers.
     """
     path, stop = source.path, source.size
     with source.open() as file:

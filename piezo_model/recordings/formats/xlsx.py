@@ -1,4 +1,4 @@
-"""Excel workbooks (.xlsx), whose sheets are texts of cells between tabs, and may hold tables below or beside each
+"""Excel workbooks (.xlsx). Each sheet is converted to tab-separated text, and may contain tables below or beside each
 other."""
 
 import datetime
@@ -19,10 +19,10 @@ from piezo_model.recordings.text_rows import Source
 
 DAY_US, DAY_0 = 86400e6, np.datetime64("1899-12-30", "us")
 LEAST_COLUMNS = 3
-"""Fewest columns of each of several tables beside each other."""
+"""Fewest columns of each of several adjacent tables."""
 MOST_CELLS = 20_000_000
 LARGE, DENSEST = 10_000_000, 30
-"""Bytes of a part of a workbook, and its compression beyond which it is no table: numbers are compressed ninefold."""
+"""Bytes of a member of a workbook, and its largest plausible compression: numbers are compressed ninefold."""
 STRICT = re.compile(rb"http://purl.oclc.org/ooxml/(\w+)/")
 """Namespaces of Strict Open XML, which openpyxl knows by the names of the transitional form."""
 
@@ -56,8 +56,8 @@ def open_workbook(path: Path, header_row: int | None) -> list[Table]:
 
 
 def _texts(path: Path, sheets: Sequence[Any]) -> Iterator[tuple[str, bytes]]:
-    """Names and texts of some sheets, as long as they are, whatever the file states, without empty columns beside them;
-    tables beside each other, with an empty column between, one by one."""
+    """Names and texts of sheets with their true sizes, whatever the file states, without empty columns around them;
+    adjacent tables with an empty column between them are separate texts."""
     cells = 0
     for sheet in sheets:
         sheet.reset_dimensions()
