@@ -1,4 +1,4 @@
-"""Atomic replacement of files: write beside the target, flush to disk, then rename over it."""
+"""Atomic replacement of files: write next to the target, flush to disk, then rename over it."""
 
 import os
 import tempfile
@@ -31,7 +31,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
         temporary.chmod(0o666 & ~mask)  # mkstemp is private; an ordinary new file is not
         _flush(temporary)
         temporary.replace(path)
-        _flush(path.parent)  # the new directory entry, too, not only the content
+        _flush(path.parent)  # the new directory entry, not only the content
     finally:
         temporary.unlink(missing_ok=True)
 

@@ -15,7 +15,7 @@ from solvers.arrays import Matrix, Vector, reals
 def require(valid: Callable[[Any], Any], what: str, /, **arguments: Any) -> None:
     """Require a condition of each argument; True and False never meet it. ``what`` states the condition in words."""
     for name, value in arguments.items():
-        plain = value.item() if isinstance(value, np.generic) else value  # single precision overflows beside LARGEST
+        plain = value.item() if isinstance(value, np.generic) else value  # LARGEST overflows single precision
         try:
             fits = not isinstance(plain, bool) and bool(valid(plain))
         except (TypeError, ValueError, LookupError, OverflowError):  # of another type, or an integer beyond doubles

@@ -1,9 +1,9 @@
 """The dynamics of a stage as the core's prefilter takes them (``core/prefilter.h``): constants and states.
 
-Behind the sensor the learner inverts the modes, too: F y is the output of a static actuator after the group delay at
-frequency 0 of F G. The drive is late by the next whole sample, and F y by the rest of it, by linear interpolation.
-Faster poles than those of F would follow fast scans a little better, and amplify noise and what an error of the
-frequency leaves of the resonance.
+The learner also inverts the modes of the measured output: F y is the output of a static actuator, delayed by the group
+delay of F G at frequency 0. The drive is delayed by the next larger number of whole samples, and F y by the difference,
+by linear interpolation. Faster poles than those of F would follow fast scans slightly better, but amplify noise and the
+rest of the resonance if its frequency is wrong.
 """
 
 import math
@@ -15,14 +15,14 @@ from piezo_model.structure import ModelStructure
 from solvers.arrays import Matrix, Vector
 
 FORGOTTEN = 1e-4
-"""Share of the largest part of the response of F that counts as the end of it."""
+"""Fraction of the largest value of the response of F below which the response has ended."""
 THIRD_DIFFERENCE = np.array([1.0, -3.0, 3.0, -1.0])
 MODE = 9
 """Numbers of a mode."""
 TAPS = 8
 """Room for the zeros of the stage, plus one."""
 STATES = 8 + TAPS
-"""Numbers behind the constants; then the ring of references, and of drives with one more drive."""
+"""Numbers of the states after the constants, before the ring of references and that of drives (one more)."""
 
 
 class Prefilter:
@@ -48,19 +48,19 @@ class Prefilter:
         self.constants = np.concatenate(
             [*modes, [decay, whole, late, late - lag, forgotten], taps, np.zeros(TAPS - taps.size)]
         )
-        """As they stand in the core, which has the states behind them."""
+        """In the layout of the core, where the states follow."""
         self.noise_gains = np.array([h @ h, 1.0 / np.sum(np.convolve(h, THIRD_DIFFERENCE) ** 2)])
-        """What F makes of the variance of white noise, and one over what it makes of that of third differences."""
+        """Factor by which F changes the variance of white noise, and the inverse of that for third differences."""
 
     def with_states(self, values: Matrix) -> Matrix:
-        """The constants of the model with the states of saved prefilters (..., ·)."""
+        """The constants of this model with the states of saved prefilters (…, ·)."""
         whole, at = values.copy(), np.arange(self.constants.size)
         at = at[(at >= 3 * self.modes * MODE) | (at % MODE < MODE - 3)]
         whole[..., at] = self.constants[at]
         return whole
 
     def rescaled(self, values: Vector, old: ModelStructure, new: ModelStructure) -> Vector:
-        """Constants and states for other ranges, in which drives are other normalised units."""
+        """Constants and states for other ranges, in whose normalised units the drives differ."""
         values = values.copy()
         if self.ring:
             drives = values[self.constants.size + STATES + self.ring :][: self.ring + 1]

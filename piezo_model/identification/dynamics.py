@@ -465,15 +465,15 @@ class DynamicsTrials:
         }
         without, behind = (self.percent(squares.sum() / count) for squares in (before, after))
 
-        def beside(further: Columns, steps: int = STEPS) -> ForwardFit:
+        def refit(further: Columns, steps: int = STEPS) -> ForwardFit:
             return self.fit(parameters, best, steps=steps, further=further)
 
         also = 0.0, 0.0
-        if falls and rest is not None and (cost := beside(_ringing(best, rest, T), 1).cost) < 0.5 * best.cost:
+        if falls and rest is not None and (cost := refit(_ringing(best, rest, T), 1).cost) < 0.5 * best.cost:
             also = rest.frequency_Hz, self.percent(best.cost - cost)
         reason = next((why for why, applies in reasons.items() if applies), "")
         still = (((f, f), 0.0) for f in g.frequencies_Hz)
-        moves = still if reason else (movement(best, mode, T, beside) for mode in range(modes))
+        moves = still if reason else (movement(best, mode, T, refit) for mode in range(modes))
         moves_Hz, spread = zip(*moves, strict=True)
         deviations[:modes] = np.hypot(deviations[:modes], spread)
         values = np.array([*g.frequencies_Hz, *g.damping, g.delay_s])
@@ -533,5 +533,6 @@ def parameters_of(fit: ForwardFit) -> Parameters:
 def _ringing(fit: ForwardFit, peak: Peak, T: float) -> Columns:
     """The deflection of a mode, and the same one sample later."""
     late = [Dynamics((peak.frequency_Hz,), (peak.damping,), (1.0,), delay) for delay in (0.0, T)]
-    signals = [np.column_stack([g.filter(v, T) - v for g in late]) for v in (fit.static[part] for part in fit.parts)]
+    static = (fit.static[part] for part in fit.recording.parts)
+    signals = [np.column_stack([g.filter(v, T) - v for g in late]) for v in static]
     return Columns(np.concatenate(signals), np.full(2, -np.inf), np.full(2, np.inf))

@@ -84,8 +84,8 @@ class Columns:
         """No columns, for a number of samples."""
         return cls(np.zeros((samples, 0)), np.zeros(0), np.zeros(0))
 
-    def beside(self, others: Columns) -> Columns:
-        """These columns and others."""
+    def append(self, others: Columns) -> Columns:
+        """These columns, followed by others."""
         pairs = ((self.signals, others.signals), (self.lb, others.lb), (self.ub, others.ub))
         return Columns(*(np.concatenate(pair, axis=-1) for pair in pairs))
 
@@ -171,15 +171,10 @@ class ForwardFit(Trial):
         return abs(self.structure.y_scale) * math.sqrt(self.cost)
 
     @property
-    def parts(self) -> list[slice]:
-        """The samples of each part."""
-        return self.recording.parts
-
-    @property
     def errors(self) -> list[Vector]:
         """Errors of the counted samples of each part, in normalised units; their mean square is the cost."""
         scaled = self.error * _error_scale(self.recording, self.counted)
-        return [scaled[part][self.counted[part]] for part in self.parts]
+        return [scaled[part][self.counted[part]] for part in self.recording.parts]
 
     @cached_property
     def autocorrelation_time(self) -> float:
@@ -317,14 +312,14 @@ def fit_forward(
             qp_solver.passes += 1
             before = _by_parts(recording, recording.x, starts, lambda T, *drive: before_dynamics(*models[T], *drive))
             static = s.unit_output(before)
-        y_model, ringing, beside = static, np.zeros(1), further.signals @ z[d + n : d + n + k]
+        y_model, ringing, further_output = static, np.zeros(1), further.signals @ z[d + n : d + n + k]
         if g is not None:
             before = s.y_centre + s.y_scale * static
             behind = _by_parts(recording, before, starts, lambda T, *drive: behind_dynamics(*models[T], *drive))
             y_model, modes = s.unit_output(behind), [at[T][1] for T in recording.periods]
-            ringing = initial_ringing(modes, recording, unit_y - y_model - beside, counted)
+            ringing = initial_ringing(modes, recording, unit_y - y_model - further_output, counted)
             y_model += ringing
-        error = unit_y - y_model - beside
+        error = unit_y - y_model - further_output
         own = error * scale if counted.all() else (error * scale)[counted]
         return Trial(z, starts, g, static, y_model, ringing, error, float(own @ own) / own.size + EXACT)
 
@@ -423,7 +418,7 @@ def _gram(
     """Means over the counted samples of the products of the columns of J, further columns (N, k) and e, and which
     operators moved (d,)."""
     v, slopes = at.z[: s.d], piece_slopes(s, at.z[: s.d], at.static)
-    beside = np.column_stack([further, at.error])
+    unfiltered = np.column_stack([further, at.error])
     nudges = [np.where(state.play[1 : s.n + 1] > state.play[0], -NUDGE, NUDGE) for state in at.states]
     nudged = [_nudge(s, *pair) for pair in zip(at.states, nudges, strict=True)]
     steps = np.tril(np.ones((s.n, s.n))) * np.diff(s.thresholds)  # dz_i / d(slope j)
@@ -440,7 +435,7 @@ def _gram(
         return J
 
     starts = (at.states, nudged) if free_parts else (at.states,)
-    return gram_of(recording, counted, s, starts, at.static, columns, beside, slopes=True, dynamics=at.dynamics)
+    return gram_of(recording, counted, s, starts, at.static, columns, unfiltered, slopes=True, dynamics=at.dynamics)
 
 
 def _nudge(s: ModelStructure, state: OperatorState, nudges: Vector) -> OperatorState:

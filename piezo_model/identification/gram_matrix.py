@@ -41,7 +41,7 @@ def gram_of(
     starts: Sequence[Sequence[OperatorState]],
     unit_y: Vector,
     columns: Callable[..., Matrix],
-    beside: Matrix,
+    unfiltered: Matrix,
     *,
     slopes: bool = False,
     dynamics: Dynamics | None = None,
@@ -50,9 +50,8 @@ def gram_of(
     and which operators moved (d,).
 
     ``columns`` is a function of the number of a part, a slice of its samples, and their rows (x, Ξ(x, y)) from each of
-    the ``starts``. Its columns are filtered by the dynamics; those ``beside`` (N, k) are not. With modes, the columns
-    are made orthogonal to the ringing from before a part.
-    """
+    the ``starts``. Its columns are filtered by the dynamics; those of ``unfiltered`` (N, k) are not. With modes, the
+    columns are made orthogonal to the ringing from before a part."""
     blocks = max(1, math.ceil(recording.length / GRAM_SAMPLES))
     size, r = CHUNK // blocks, padded_thresholds(s)
     lowest, highest = np.full(s.lanes, np.inf), np.full(s.lanes, -np.inf)
@@ -80,7 +79,7 @@ def gram_of(
                 J = through(J)
             rings = np.zeros((len(J), ringing.shape[1]))
             rings[: len(ringing[within])] = ringing[within]
-            chosen = np.hstack([rings, J, beside[samples]])
+            chosen = np.hstack([rings, J, unfiltered[samples]])
             if not counted[samples].all():
                 chosen = chosen[counted[samples]]
             gram, count = gram + chosen.T @ chosen, count + weight * len(chosen)

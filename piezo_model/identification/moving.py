@@ -47,7 +47,7 @@ def movement(
     """Lowest and highest frequency in Hz of a mode, which are equal if it does not move, and the standard deviation of
     log f(t). ``refit`` repeats the fit with further columns."""
     assert fit.dynamics is not None
-    parts = [_columns(fit.dynamics, mode, T, fit.static[part], fit.y_model[part]) for part in fit.parts]
+    parts = [_columns(fit.dynamics, mode, T, fit.static[part], fit.y_model[part]) for part in fit.recording.parts]
     signals, shapes, source = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     free, weights = np.full(signals.shape[1], np.inf), source**2
     other, f = refit(Columns(signals, -free, free)), fit.dynamics.frequencies_Hz[mode]
@@ -65,7 +65,7 @@ def _p_value(fit: ForwardFit) -> float:
         return 1.0
     beta, directions = fit.further[free], inverse_over(fit.P, fit.free)[fit.structure.d + free] / samples
     w = np.column_stack([fit.derivative(direction) for direction in directions])
-    pairs = zip((w[part][fit.counted[part]] for part in fit.parts), fit.errors, strict=True)
+    pairs = zip((w[part][fit.counted[part]] for part in fit.recording.parts), fit.errors, strict=True)
     lines = np.concatenate(
         [np.fft.rfft(own, axis=0) * np.abs(np.fft.rfft(e))[:, None] / e.size for own, e in pairs if e.size]
     )

@@ -91,7 +91,7 @@ class Spectra:
 
     def _left_by_static(self, S: Matrix) -> Vector:
         """Residual squares of the static part with two taps, at each frequency."""
-        static = Equations(self).beside(np.ones(self.f.size), 2)
+        static = Equations(self).with_response(np.ones(self.f.size), 2)
         left = np.vstack([-(static.coefficients().T @ self.powers(2)), np.ones(self.f.size)])
         return np.asarray(np.maximum(np.einsum("if,fij,jf->f", left.conj(), S, left).real, 0.0))
 
@@ -109,7 +109,7 @@ class Spectra:
 
     def peak(self, known: Sequence[Mode] = ()) -> Peak:
         """The mode that explains the most in addition to the known ones."""
-        residual_compliance, ends = Equations(self).beside(np.ones(self.f.size), TAPS), self.ends
+        residual_compliance, ends = Equations(self).with_response(np.ones(self.f.size), TAPS), self.ends
         others = reduce(Equations.with_mode, known, residual_compliance)
         tried = np.array(
             [
@@ -147,7 +147,7 @@ class Equations:
     P: Matrix = field(default_factory=lambda: np.zeros((0, 0)))
     q: Matrix = field(default_factory=lambda: np.zeros(0))
 
-    def beside(self, g: Matrix, taps: int) -> Equations:
+    def with_response(self, g: Matrix, taps: int) -> Equations:
         """The equations with one more response, or with one of many (…, F) in each system."""
         spectra, size, systems = self.spectra, len(self.q), g.shape[:-1]
         responses = *self.responses, (g, taps)
@@ -163,7 +163,7 @@ class Equations:
     def with_mode(self, modes: ArrayLike) -> Equations:
         """The equations with two taps of a mode of unit static gain, or of one of many modes (…, 2) in each system."""
         D = np.apply_along_axis(lambda mode: poles(mode[0], mode[1], self.spectra.sample_time), -1, modes)
-        return self.beside(D.sum(axis=-1, keepdims=True) / (D @ self.spectra.powers(3)), 2)
+        return self.with_response(D.sum(axis=-1, keepdims=True) / (D @ self.spectra.powers(3)), 2)
 
     def coefficients(self) -> Matrix:
         """Coefficients of each tap and input (…, m, p)."""

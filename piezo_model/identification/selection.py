@@ -82,11 +82,11 @@ class Selection:
         """The choice in words."""
         best = min(self.candidates, key=lambda candidate: candidate.error_percent)
         error, smallest = (f"{candidate.error_percent:.3g} %" for candidate in (self.chosen, best))
-        beside = "" if smallest == error else f"; the smallest error is {smallest}, with {best}"
+        lowest = "" if smallest == error else f"; the smallest error is {smallest}, with {best}"
         return (
             f"Of {len(self.candidates)} structures, {self.chosen} has the fewest weights of those within "
             f"{ALIKE:g} of the smallest information criterion, with an RMS error of about {error} of the output's "
-            f"range{beside}."
+            f"range{lowest}."
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -176,8 +176,8 @@ def _gram(
     def columns(_: int, samples: slice, rows: Matrix) -> Matrix:
         return rows / slopes[samples, None]
 
-    beside = np.column_stack([fit.error, levels, recording.time])
-    return gram_of(recording, chosen, union, [states], fit.y_model, columns, beside)
+    unfiltered = np.column_stack([fit.error, levels, recording.time])
+    return gram_of(recording, chosen, union, [states], fit.y_model, columns, unfiltered)
 
 
 def _beyond_noise(recording: Recording, counted: Mask, error: Vector) -> float:

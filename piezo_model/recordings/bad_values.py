@@ -168,9 +168,9 @@ def replace_bad_samples(rows: Rows) -> None:
         for row in _isolated(values, _steps(rows, values)):
             bad[row] = not any(_answers(_steps(rows, other), row) for other in others)
         for row in np.flatnonzero(bad).tolist():
-            beside = " and ".join(f"{values[j]:.6g}" for j in (row - 1, row + 1) if 0 <= j < rows.length)
+            neighbours = " and ".join(f"{values[j]:.6g}" for j in (row - 1, row + 1) if 0 <= j < rows.length)
             rows.repairs.append(
-                f"{label} is {values[row]:.6g} in {rows.where(row)} next to {beside}: an isolated bad sample, "
+                f"{label} is {values[row]:.6g} in {rows.where(row)} next to {neighbours}: an isolated bad sample, "
                 "not counted in the fit"
             )
         if bad.any():

@@ -237,17 +237,17 @@ def layout_of(
     )
     start = _with_damaged_rows(dialect, lines, next(good, rows[0]), kinds, first)
     layout = _headed(lines, dialect, start, kinds, header_row)
-    beside, gcs = (
+    named, gcs = (
         _named_by_settings(cells[:SETTINGS], kinds),
         dict(GCS_ENTRY.findall("".join(lines[: layout.start]))),
     )
     for k, kind in enumerate(kinds):
         if f"NAME{k}" in gcs:
-            beside[k] = Column.named(gcs[f"NAME{k}"], gcs.get(f"UNIT{k}", ""), kind=kind)
+            named[k] = Column.named(gcs[f"NAME{k}"], gcs.get(f"UNIT{k}", ""), kind=kind)
     period = period_in([*lines[: layout.start], *stated])
     return replace(
         layout,
-        columns=tuple(replace(beside.get(k, column), sample_time=period) for k, column in enumerate(layout.columns)),
+        columns=tuple(replace(named.get(k, column), sample_time=period) for k, column in enumerate(layout.columns)),
         remarks=frozenset(
             as_remark(line)
             for line in lines[max(0, start - REMARKS) : start]

@@ -225,7 +225,7 @@ def _find_time_by_name(search: _Search) -> None:
     ranks = {k: rank for k in search.free() if (rank := _time_rank(search.table.columns[k])) is not None}
     best = [k for k, rank in ranks.items() if rank == min(ranks.values())]
     if len(best) > 1 and len(set(search.table.profiles(best).values())) == 1:
-        best = best[:1]  # an oscilloscope repeats the times beside each channel
+        best = best[:1]  # an oscilloscope repeats the times next to each channel
     search.assign("time", best, "by name")
 
 

@@ -155,7 +155,7 @@ def test_at_another_sampling_period_a_mode_too_fast_is_its_static_gain_and_other
     model = replace(ringing(), dynamics=Dynamics((4.0, 11.0), (0.02, 0.3), (0.6, 0.3), 3e-3, 4e-3))
     slower = model.at(0.05)
     slower.save(tmp_path / "slower.json")
-    assert "without the fastest modes, of which" in HysteresisCreepModel.load(tmp_path / "slower.json").warning
+    assert "only the static gain of the fastest modes" in HysteresisCreepModel.load(tmp_path / "slower.json").warning
     assert (slower.dynamics, slower.left_out) == (Dynamics((4.0,), (0.02,), (0.6,), 3e-3, 4e-3), model.dynamics)
     ramp = np.linspace(0.0, 90.0, 40_000)
     np.testing.assert_allclose(slower.simulate(ramp[9::10])[400:], model.simulate(ramp)[9::10][400:], atol=5e-3)
@@ -188,7 +188,7 @@ def test_at_another_sampling_period_a_model_says_what_its_delay_may_be_wrong_by(
     for sample_time, off in ((1e-3, "4 ms too long"), (0.01, "5 ms too short")):
         changed = model.at(sample_time)
         assert f"with a sample every 5 ms and has one every {1e3 * sample_time:g} ms: its delay" in changed.warning
-        assert f"and is {off} if the sensor is read at the start." in changed.warning
+        assert f"and is {off} if the sensor is read at the start of the interval." in changed.warning
     assert replace(model, dynamics=None).at(1e-3).warning == ""
 
 
@@ -248,7 +248,7 @@ def test_every_point_of_the_box_of_a_search_and_a_step_beyond_it_is_a_stage(
 
 def test_parts_of_a_signal_are_refused_for_a_model_with_dynamics() -> None:
     model = ringing()
-    with pytest.raises(ModelError, match="and the model has a resonance at 11 Hz with damping 2 %"):
+    with pytest.raises(ModelError, match="and this one has a resonance at 11 Hz with damping 2 %"):
         model.advance([1.0], model.initial_state())
 
 
