@@ -190,7 +190,7 @@ def holds(recording: Recording) -> Index:
     >>> holds(Recording.from_arrays(x, x, 1e-3))[[0, 220, 400]].tolist()
     [0, -1, 1]
     """
-    span, numbers, found = STEADY * float(np.ptp(recording.x)), np.full(recording.length, -1), 0
+    span, numbers, count = STEADY * float(np.ptp(recording.x)), np.full(recording.length, -1), 0
     for part in recording.parts:
         x = recording.x[part]
         ahead = np.lib.stride_tricks.sliding_window_view(x, SHORTEST_HOLD) if x.size >= SHORTEST_HOLD else x[:0, None]
@@ -198,7 +198,7 @@ def holds(recording: Recording) -> Index:
         edges = part.start + np.flatnonzero(np.diff(steady.astype(np.int8)))
         for first, last in zip(edges[::2], edges[1::2] + SHORTEST_HOLD - 1, strict=True):
             if np.ptp(recording.x[first:last]) <= 2.0 * span:
-                numbers[first:last], found = found, found + 1
+                numbers[first:last], count = count, count + 1
     return numbers
 
 

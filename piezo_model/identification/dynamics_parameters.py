@@ -69,13 +69,13 @@ class Parameters:
         T[:modes, :modes] = np.tril(np.ones((modes, modes)))
         return np.asarray(np.sqrt(np.diag(T @ covariance @ T.T)))
 
-    def inside(self, found: Dynamics, free: Mask) -> bool:
+    def inside(self, dynamics: Dynamics, free: Mask) -> bool:
         """True if no parameter is at a bound of the search; ``free`` (k,) are those at no bound. Since there are stages
         without residual compliance or delay, a sum of the gains of 1 and a delay of 0 do not count as bounds."""
-        modes, inside = len(found.frequencies_Hz), free.copy()
+        modes, inside = len(dynamics.frequencies_Hz), free.copy()
         if self.residual:
-            inside[2 * modes] |= sum(found.gains) > 1.0 - ROUNDING
-        inside[modes * (3 if self.residual else 2)] |= found.delay_s <= ROUNDING * self.sample_time
+            inside[2 * modes] |= sum(dynamics.gains) > 1.0 - ROUNDING
+        inside[modes * (3 if self.residual else 2)] |= dynamics.delay_s <= ROUNDING * self.sample_time
         return bool(np.all(inside))
 
     def at(self, theta: Vector) -> Dynamics:

@@ -354,10 +354,10 @@ def fit_forward(
         if reached.size:  # extrapolate the slopes of S⁻¹ beyond the outputs of the recording
             slopes[:] = np.minimum(np.interp(np.arange(slopes.size), reached, slopes[reached]), MAX_SLOPE)
         step = 1.0
-        while not (found := trial(z + step * (target - z))).cost <= best.cost and step >= SHORTEST_STEP:
+        while not (stepped := trial(z + step * (target - z))).cost <= best.cost and step >= SHORTEST_STEP:
             step *= 0.5
-        if (gain := best.cost - found.cost) > 0.0:
-            best = found
+        if (gain := best.cost - stepped.cost) > 0.0:
+            best = stepped
             free = determined & box.inactive(best.z)
         if gain <= CONVERGED * best.cost:
             break

@@ -124,15 +124,15 @@ class Spectra:
         def mode(at: Vector) -> Vector:
             return np.clip(np.exp(at), (ends[0], DAMPING_ENDS[0]), (ends[1], DAMPING_ENDS[1]))
 
-        found = minimize(
+        result = minimize(
             lambda at: -others.with_mode(mode(at)).explained(),
             begin,
             method="Nelder-Mead",
             options={"initial_simplex": begin + SIMPLEX, "maxfev": 80},
         )
-        best, before = others.with_mode(mode(found.x)), self.squares - others.explained()
+        best, before = others.with_mode(mode(result.x)), self.squares - others.explained()
         gain = 1.0 - (self.squares - best.explained()) / before if before > 0.0 else 0.0
-        gains, (f, zeta) = best.coefficients().sum(axis=-1), mode(found.x).tolist()
+        gains, (f, zeta) = best.coefficients().sum(axis=-1), mode(result.x).tolist()
         inside = bool(ends[0] * MARGIN < f < ends[1] / MARGIN)
         return Peak(f, zeta, float(gain), inside, float(gains[-2:].sum() / gains.sum()))
 

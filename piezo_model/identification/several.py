@@ -195,5 +195,5 @@ def split_fit(recording: Recordings, fit: ForwardFit) -> Iterator[tuple[Recordin
         share["states"] = [state for owner, state in zip(recording.owners, fit.states, strict=True) if owner == i]
         levelled = replace(member, y=recording.y[samples])
         errors = levelled.y - s.y_centre - s.y_scale * share["y_model"]
-        found = fit_of(levelled, s, errors, 0, float(np.ptp(levelled.y[share["counted"]])))
-        yield levelled, replace(fit, **share, structure=s, dynamics=dynamics, recording=levelled), found
+        own_errors = fit_of(levelled, s, errors, 0, float(np.ptp(levelled.y[share["counted"]])))
+        yield levelled, replace(fit, **share, structure=s, dynamics=dynamics, recording=levelled), own_errors

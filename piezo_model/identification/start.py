@@ -99,18 +99,20 @@ def prepare(
     s = _with_sign(recording, _with_output_range(recording, s, skip or 0, fit_range), skip or 0, qp_solver)
     single = len(recording.starts) == 1
     head = initial_segment(recording, s, GRAM_SAMPLES) if single else recording
-    found = _fit_from_best_starts(head, s, skip or 0, qp_solver)
+    initial = _fit_from_best_starts(head, s, skip or 0, qp_solver)
     longest = longest_transient(head) if skip is None else 0
     if longest:
         settled = _with_output_range(recording, s, longest, fit_range)
         later = _fit_from_best_starts(head, settled, longest, qp_solver)
-        spoiled = abs(s.y_scale / settled.y_scale) * found.fit.error
+        spoiled = abs(s.y_scale / settled.y_scale) * initial.fit.error
         if skip := transient(0.5 * spoiled, 0.5 * later.fit.error, longest):
-            found = _fit_from_best_starts(head, _with_output_range(recording, s, skip, fit_range), skip, qp_solver)
+            initial = _fit_from_best_starts(head, _with_output_range(recording, s, skip, fit_range), skip, qp_solver)
     if head.length < recording.length:
-        counted = counted_from(recording, found.skip)
-        found = replace(found, fit=_fit_from_program(recording, counted, found.structure, found.fit.states, qp_solver))
-    return _with_modelled_range(recording, found, qp_solver) if fit_range else found
+        counted = counted_from(recording, initial.skip)
+        initial = replace(
+            initial, fit=_fit_from_program(recording, counted, initial.structure, initial.fit.states, qp_solver)
+        )
+    return _with_modelled_range(recording, initial, qp_solver) if fit_range else initial
 
 
 def _fit_from_program(
@@ -141,17 +143,17 @@ def _with_output_range(recording: Recording, s: ModelStructure, skip: int, fit_r
     return replace(s, y_centre=0.5 * (low + high), y_scale=math.copysign(0.5 * (high - low), s.y_scale))
 
 
-def _with_modelled_range(recording: Recording, found: InitialFit, qp_solver: ProgramSolver) -> InitialFit:
+def _with_modelled_range(recording: Recording, initial: InitialFit, qp_solver: ProgramSolver) -> InitialFit:
     """The fit with the range of the modelled output. Noise and ringing widen the range of the measured output, so that
     the outermost pieces of S⁻¹ would hardly be visited."""
-    fit, s, counted = found.fit, found.structure, counted_from(recording, found.skip)
+    fit, s, counted = initial.fit, initial.structure, counted_from(recording, initial.skip)
     low, high = float(fit.y_model[counted].min()), float(fit.y_model[counted].max())
     if high - low < 2.0 * FLAT or max(1.0 - high, low + 1.0) < NARROWER:
-        return found
+        return initial
     s = replace(s, y_centre=s.y_centre + 0.5 * (low + high) * s.y_scale, y_scale=0.5 * (high - low) * s.y_scale)
-    modelled = replace(recording, y=found.structure.y_centre + found.structure.y_scale * fit.y_model)
+    modelled = replace(recording, y=initial.structure.y_centre + initial.structure.y_scale * fit.y_model)
     v = s.inverse_slope_map @ qp_solver.optimum(accumulate(modelled, counted, s, fit.states, qp_solver))
-    return replace(found, structure=s, fit=fit_forward(recording, counted, s, fit.states, v, qp_solver))
+    return replace(initial, structure=s, fit=fit_forward(recording, counted, s, fit.states, v, qp_solver))
 
 
 def _fit_from_best_starts(

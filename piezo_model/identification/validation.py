@@ -164,34 +164,34 @@ def _with_creep_levels(
     part: Recording,
     counted: Mask,
     arrays: Arrays,
-    found: ForwardFit,
+    start: ForwardFit,
     shift: Columns,
     qp_solver: ProgramSolver,
     parameters: Parameters | None,
 ) -> ForwardFit:
     """The fit of known weights, those of ``arrays``, with an initial level of its own for the creep of each rate, if
     the gain is significant."""
-    s, state = found.structure, found.states[0].copy()
+    s, state = start.structure, start.states[0].copy()
     if not s.creep_rates:
-        return found
+        return start
     effects = []
     for rate in range(len(s.creep_rates)):
         nudged = state.copy()
         nudged.creep.reshape(-1, s.lanes)[rate, : s.n + 1] += NUDGE
         qp_solver.passes += 1
-        nudged_y = s.unit_output(simulate(s, arrays, part, [nudged], found.dynamics))
-        effects.append((nudged_y + found.ringing - found.y_model) / NUDGE)
+        nudged_y = s.unit_output(simulate(s, arrays, part, [nudged], start.dynamics))
+        effects.append((nudged_y + start.ringing - start.y_model) / NUDGE)
 
     def fit(further: Columns) -> ForwardFit:
         return fit_forward(
-            part, counted, s, [state], found.v, qp_solver, weights_known=True, further=further, parameters=parameters
+            part, counted, s, [state], start.v, qp_solver, weights_known=True, further=further, parameters=parameters
         )
 
     farthest = np.array([math.inf, *[FARTHEST] * len(effects)])
     levels = fit(Columns(np.column_stack([shift.signals, *effects]), -farthest, farthest)).further[1:]
     state.creep.reshape(-1, s.lanes)[:, : s.n + 1] += levels[:, None]
     other = fit(shift)
-    return other if found.improved_by(other, len(effects)) else found
+    return other if start.improved_by(other, len(effects)) else start
 
 
 def model_output(

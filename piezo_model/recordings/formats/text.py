@@ -69,7 +69,7 @@ def _table(
         f"separated by {SEPARATORS[layout.dialect.separator]}": not source.sheet,
         "decimal comma": layout.dialect.decimal == ",",
         "no header" if layout.header is None else f"header in row {header}": True,
-        "which holds the first row, too": layout.glued,
+        "which also contains the first row": layout.glued,
     }
     form = ", ".join(clause for clause, holds in clauses.items() if holds)
     rows = TextRows(source, encoding, layout, start, stop, region.line)
