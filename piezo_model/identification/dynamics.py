@@ -232,12 +232,13 @@ def separate(
         inverse = _through_inverse(recording, choice)
         initial = prepare(inverse)
         trials = DynamicsTrials.of(recording, inverse, initial, qp_solver)
-        return trials.view(recording, initial, trials.fit(Parameters(choice, recording.sample_time)))
+        static = trials.without_dynamics(recording, trials.fit(Parameters(choice, recording.sample_time)))
+        return StaticView(static, prepare(static, initial.skip), choice)
     view = _with_modes(recording, prepare, skip, qp_solver) if choice == "estimate" else None
     if view is None or view.dynamics is None:
         finding = None if view is None else view.finding
-        static = StaticView(recording, prepare(recording), finding=finding)
-        return static if lag == "ignore" else _with_lag(recording, static, prepare, choice, lag, qp_solver)
+        view = StaticView(recording, prepare(recording), finding=finding)
+        return view if lag == "ignore" else _with_lag(recording, view, prepare, choice, lag, qp_solver)
     return view
 
 
@@ -261,8 +262,10 @@ def _with_modes(
     if best is None:
         return None
     finding = trials.judge(none, best, peak.gain, rest)
-    view = trials.view(recording, initial, best) if finding.kept else StaticView(recording, initial)
-    return replace(view, finding=finding)
+    if not finding.kept:
+        return StaticView(recording, initial, finding=finding)
+    static = trials.without_dynamics(recording, best)
+    return StaticView(static, prepare(static, initial.skip), parameters_of(best).start, finding)
 
 
 def _with_lag(
@@ -504,14 +507,6 @@ class DynamicsTrials:
             error = self.fit(parameters_of(fitted), fitted, inside & counted, FOLD_STEPS).error
             squares += np.where(counted & ~inside, error**2, 0.0)
         return np.asarray(np.bincount(number, squares) + EXACT * block)
-
-    def view(self, recording: Recording, initial: InitialFit, fitted: ForwardFit) -> StaticView:
-        """The recording without the dynamics of a fit, and the first fit of that."""
-        static = self.without_dynamics(recording, fitted)
-        counted, before = counted_from(static, initial.skip), initial.fit
-        near = initial.structure, before.states, before.v
-        settled = fit_forward(static, counted, *near, self.qp_solver, searched=initial.searched)
-        return StaticView(static, replace(initial, fit=settled), parameters_of(fitted).start)
 
     def without_dynamics(self, recording: Recording, fitted: ForwardFit) -> Recording:
         """The recording, which may be longer than that of the trials, without the dynamics of a fit: with the drive
