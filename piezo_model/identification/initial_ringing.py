@@ -18,8 +18,8 @@ from piezo_model.dynamics import Dynamics
 from piezo_model.recordings import Recording
 from solvers.arrays import Mask, Matrix, Vector
 
-DECAYED = 25.0
-"""Time constants after which a mode is at rest."""
+DECAYED, ROUNDING = 25.0, 1e-12
+"""Time constants after which a mode is at rest; fraction of a column's squares that may be rounding errors."""
 
 
 def decays(dynamics: Dynamics | None, sample_time: float, counted: Mask) -> Matrix:
@@ -46,6 +46,11 @@ def initial_ringing(dynamics: Sequence[Dynamics | None], recording: Recording, e
 
 
 def orthogonal(gram: Matrix, first: int) -> Matrix:
-    """The Gram matrix of the other columns, made orthogonal to the first ones."""
+    """The Gram matrix of the other columns, made orthogonal to the first ones; 0 for a column of which only rounding
+    errors remain."""
     A, B, C = gram[:first, :first], gram[:first, first:], gram[first:, first:]
-    return np.asarray(C - B.T @ np.linalg.pinv(A, hermitian=True) @ B) if first else C
+    if not first:
+        return C
+    rest = C - B.T @ np.linalg.pinv(A, hermitian=True) @ B
+    remains = np.diag(rest) > ROUNDING * np.diag(C)
+    return np.asarray(rest * np.outer(remains, remains))
