@@ -57,8 +57,9 @@ from solvers.arrays import Mask, Vector
 DynamicsChoice = Literal["estimate", "ignore"]
 LagChoice = Literal["estimate", "remove", "ignore"]
 
-GAIN, NOTABLE = 0.02, 0.1
-"""Smallest fraction of the whitened squares that a mode has to explain, and that from which a rejected mode is
+GAIN, CHANCE_GAIN, NOTABLE = 0.02, 36.0, 0.1
+"""Smallest fraction of the whitened squares that a mode has to explain, and the same in samples: its twelve unknowns
+explain twelve samples of noise, and the best of a scan three times as many; fraction from which a rejected mode is
 mentioned."""
 LEAST_DAMPED, MOST_DAMPED = 1e-3, 0.9
 """Bounds of a damping ratio."""
@@ -69,16 +70,18 @@ compliance of the scan."""
 ORDERS = 20, 5
 """Orders n and m of the fits, in addition to those of the start: with too few plays, residual hysteresis is mistaken
 for dynamics and shifts the frequency."""
-STEPS, FOLD_STEPS, PERIODS, SHORTEST, RECENTRED = 6, 1, 3.0, 20, 7
-"""Steps of a fit, and of a fit without some of the blocks; periods, and fewest samples, of a block; most further fits
-around a lightly damped mode."""
+STEPS, FOLD_STEPS, PERIODS, SHORTEST, FEW, RECENTRED = 6, 1, 3.0, 20, 16.0, 7
+"""Steps of a fit, and of a fit without some of the blocks; periods, and fewest samples, of a block; periods in a
+segment of the scan below which residual hysteresis looks like a mode; most further fits around a lightly damped
+mode."""
 RINGING, APART, LIGHTLY_DAMPED = 0.5, 0.1, 0.25
 """RMS ringing of a further mode beyond which the recording is refused, % of the output's range; smallest difference of
 the logarithms of two frequencies; largest damping ratio of a further mode, and of a rejected one that is mentioned,
 since residual hysteresis looks like a mode with more."""
 SMALLEST_LAG, LAG_GAIN, CLEAR, RESOLUTION, LAG_STEPS = 0.1, 0.1, 0.5, 0.01, 10
 """Of a lag: the smallest in samples that is significant; smallest relative gain of the error; largest ratio of the
-squared errors with an amplifier's lag to those with a delay alone, since a smooth drive hardly distinguishes the two;
+squared errors with an amplifier's lag to those with a delay alone, since a smooth drive hardly distinguishes the two,
+and with a mode of few periods to those without;
 distance from the search limit, in samples, at which the lag may be longer; most steps of the fit, each of which moves
 by about a sample."""
 
@@ -250,7 +253,7 @@ def _with_modes(
     if segment_of(head) < SHORTEST_SEGMENT:
         return None
     spectra = Spectra(head)
-    if not _is_plausible(peak := spectra.peak()):
+    if not _is_plausible(peak := spectra.peak(), spectra):
         return None
     share = 1.0 if peak.share > WHOLE else max(peak.share, SMALLEST_GAIN)
     begin = Dynamics((peak.frequency_Hz,), (peak.damping,), (share,), DELAY * T)
@@ -300,12 +303,13 @@ def _beside(spectra: Spectra, g: Dynamics) -> Peak | None:
     """The mode that explains the most in addition to those of G; None without one."""
     peak = spectra.peak([*zip(g.frequencies_Hz, g.damping, strict=True)])
     apart = all(abs(math.log(peak.frequency_Hz / f)) > APART for f in g.frequencies_Hz)
-    return peak if apart and peak.damping < LIGHTLY_DAMPED and _is_plausible(peak) else None
+    return peak if apart and peak.damping < LIGHTLY_DAMPED and _is_plausible(peak, spectra) else None
 
 
-def _is_plausible(peak: Peak) -> bool:
+def _is_plausible(peak: Peak, spectra: Spectra) -> bool:
     """True if a peak may be a mode."""
-    return peak.gain > GAIN and peak.inside and LEAST_DAMPED < peak.damping < MOST_DAMPED
+    gains = peak.gain > max(GAIN, CHANCE_GAIN / spectra.samples)
+    return gains and peak.inside and LEAST_DAMPED < peak.damping < MOST_DAMPED
 
 
 def _through_inverse(recording: Recording, dynamics: Dynamics) -> Recording:
@@ -454,7 +458,8 @@ class DynamicsTrials:
         deviation = float(gains.std()) * math.sqrt(autocorrelation_time([gains]) / gains.size)
         independent = count / max(autocorrelation_time(fit.errors) for fit in (none, best))
         chance = f_distribution.sf(before.sum() / after.sum(), independent, independent)
-        falls = before.sum() > after.sum() and (chance < CHANCE or gains.mean() > SIGNIFICANT * deviation)
+        highest = CLEAR if g.frequencies_Hz[0] * T * segment_of(self.recording) < FEW else 1.0
+        falls = after.sum() < highest * before.sum() and (chance < CHANCE or gains.mean() > SIGNIFICANT * deviation)
         parameters, modes, moved = parameters_of(best), len(g.frequencies_Hz), best.free[self.structure.d :]
         own = slice(self.structure.d, None)
         deviations = parameters.deviations(best.covariance[own, own])  # 0 for parameters that are not free
@@ -464,7 +469,7 @@ class DynamicsTrials:
                 LEAST_DAMPED < zeta < MOST_DAMPED for zeta in g.damping
             )
             or g.frequencies_Hz[-1] * T > HIGHEST,
-            "the error on held-out data does not decrease": not falls,
+            "the error on held-out data does not clearly decrease": not falls,
         }
         without, behind = (self.percent(squares.sum() / count) for squares in (before, after))
 

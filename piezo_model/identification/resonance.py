@@ -29,10 +29,10 @@ from solvers.arrays import Matrix, Vector
 
 PLAYS = (0.1, 0.25, 0.45, 0.7)
 """Thresholds of the plays, as shares of half the drive's range."""
-SEGMENT, SHORTEST_SEGMENT = 8192, 1024
+SEGMENT, SHORTEST_SEGMENT = 8192, 64
 """Largest and smallest number of samples of a segment."""
-FIRST_BIN, LAST = 16, 0.42
-"""Bin of the lowest frequency of the scan; highest frequency used, relative to the sampling rate."""
+FIRST, FIRST_BINS, LAST = 1.0 / 64.0, (6, 16), 0.42
+"""Lowest frequency of the scan relative to the sampling rate, and the bins within which it is; highest one used."""
 RATIO, DAMPINGS = 1.012, (0.004, 0.015, 0.05, 0.3)
 """Smallest ratio of consecutive frequencies of the scan (it grows with the width of the mode); damping ratios."""
 DAMPING_ENDS, MARGIN, RIDGE, FLOOR = (1e-4, 0.9), 1.1, 1e-9, 1e-12
@@ -62,7 +62,7 @@ class Spectra:
     """Cross-spectra of the drive, its plays and the output of a recording, whitened."""
 
     def __init__(self, recording: Recording) -> None:
-        self.sample_time = recording.sample_time
+        self.sample_time, self.samples = recording.sample_time, recording.length
         low, high = recording.x_range
         u = (2.0 * recording.x - low - high) / (high - low)
         z = play(u, np.array(PLAYS), np.full(len(PLAYS), u[0]))[0]
@@ -76,7 +76,8 @@ class Spectra:
                 S += np.einsum("if,jf->fij", F.conj(), F)
         f = np.fft.rfftfreq(size, self.sample_time)
         used = (f > 1.5 * f[1]) & (f < LAST / self.sample_time)
-        self.f, self.ends, S = f[used], (FIRST_BIN * f[1], HIGHEST / self.sample_time), S[used]
+        first = float(np.clip(FIRST / self.sample_time, *(bin * f[1] for bin in FIRST_BINS)))
+        self.f, self.ends, S = f[used], (first, HIGHEST / self.sample_time), S[used]
         lags = np.arange(1 - TAPS, TAPS)
         self._powers = np.exp(-2j * np.pi * self.sample_time * lags[:, None] * self.f)
         self._set(S)

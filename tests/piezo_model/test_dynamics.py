@@ -327,6 +327,14 @@ def test_a_resonance_is_in_the_model_and_predicts_steps_that_it_has_not_seen(kin
     assert low < 500.0 < high
 
 
+@pytest.mark.parametrize("kind", PLANTS[:3])
+def test_sixteen_hundred_samples_of_steps_determine_a_resonance(kind: str) -> None:
+    model = identify(made(kind, "steps", MODE, size=1600))
+    assert model.dynamics is not None
+    assert model.dynamics.frequencies_Hz[0] == pytest.approx(500.0, rel=2e-3)
+    assert model.report["fit"]["max_percent"] < 1.0
+
+
 @pytest.mark.parametrize("drive", ["triangle", "sweep"])
 def test_a_stage_of_the_given_structure_has_its_frequency_damping_and_delay(drive: str) -> None:
     s = ModelStructure.equidistant(5, 3, (0.0, 150.0), (-20.0, 20.0), (100.0, 10.0, 1.0), T, offset=True)
