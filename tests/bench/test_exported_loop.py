@@ -25,7 +25,7 @@ from bench.export.c_source import export
 from bench.export.realtime import real_time
 from bench.export.settings import ExportError, ExportSettings
 from bench.timing import cores
-from piezo_model import Dynamics, HysteresisCreepModel, ModelStructure
+from piezo_model import Compensator, Dynamics, HysteresisCreepModel, ModelStructure
 
 LOW, HIGH, REST, RATE_LIMIT, RATE = 20.0, 100.0, 40.0, 2000.0, 1000
 STAGE = f"""
@@ -65,13 +65,19 @@ void piezo_stage_close(void) {{ fclose(drives); }}
 """
 
 
-def built(folder: Path, settings: ExportSettings, stage: str) -> None:
-    """Export a controller to a folder and build the loop on a stage."""
+def straight_line() -> HysteresisCreepModel:
     structure = ModelStructure.equidistant(
         n=5, m=3, x_range=(0.0, 150.0), y_range=(-20.0, 20.0), creep_rates=(1.0,), sample_time=1.0 / RATE
     )
-    write_files(folder, export(HysteresisCreepModel.from_weights(structure, structure.straight_line), settings))
+    return HysteresisCreepModel.from_weights(structure, structure.straight_line)
+
+
+def built(folder: Path, settings: ExportSettings, stage: str, piezo_step: str = "piezo_step") -> None:
+    """Export a controller, whose step may have another name, to a folder and build the loop on a stage."""
+    write_files(folder, export(straight_line(), settings))
     (folder / "piezo_stage.c").write_text(stage)
+    interface = (folder / "piezo.c").read_text().replace("piezo_step(", f"{piezo_step}(")
+    (folder / "piezo.c").write_text(interface)
     done = subprocess.run([program("make"), "loop"], cwd=folder, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")  # no warning
 
@@ -141,6 +147,40 @@ def test_limits_that_cannot_be_kept_are_refused_before_the_stage_is_opened(
     )
     assert (done.returncode, done.stderr) == (2, sentence)
     assert not (tmp_path / "drives.txt").exists()
+
+
+STEPPED = """
+#include "piezo.h"
+
+piezo_real stepped(piezo_axis *axis, piezo_real y_ref);
+piezo_real piezo_step(piezo_axis *axis, piezo_real y_ref)
+{
+    const piezo_real x = stepped(axis, y_ref);
+    FILE *const steps = fopen("steps.txt", "a");
+    fprintf(steps, "%.17g %.17g\\n", y_ref, x);
+    fclose(steps);
+    return x;
+}
+"""
+"""Writes what an axis is asked and answers."""
+
+
+@pytest.mark.needs("cc", "make")
+@pytest.mark.parametrize("rate_limit", [RATE_LIMIT, 1e9])
+def test_the_stage_gets_the_bits_of_its_axis_whose_integral_action_gets_the_output(
+    tmp_path: Path, rate_limit: float
+) -> None:
+    stage = STAGE.replace(str(RATE_LIMIT), str(rate_limit)).replace("samples % 7 ?", "1 ?") + STEPPED
+    built(tmp_path, ExportSettings(integral_gain=30.0), stage, piezo_step="stepped")
+    words = ["./loop", str(RATE), "0.5", "0", "-1", "times"]
+    subprocess.run(words, cwd=tmp_path, env={**os.environ, "FAILING_SAMPLE": "0"}, check=True)
+    drives, (y_ref, x) = np.loadtxt(tmp_path / "drives.txt")[:500, 0], np.loadtxt(tmp_path / "steps.txt").T
+    np.testing.assert_array_equal(drives, x)
+    if rate_limit > RATE_LIMIT:  # the other one depends on the times of the run
+        one = Compensator(straight_line(), x_limits=(LOW, HIGH), x_start=REST, integral_gain=30.0)
+        for k, wanted in enumerate(y_ref):
+            assert one.step(wanted) == x[k]
+            one.correct(0.2 * x[k] - 15.0)
 
 
 SOURCE = Path(__file__).with_name("two_threads.c")

@@ -37,18 +37,6 @@ static void set_limits(const Compensator *c, double low, double high, double max
     settings_of(c)->max_step = (real)max_step;
 }
 
-/* States of an actuator that went through its range with swings that died away at PIEZO_X_START. */
-static void settle(const Compensator *c)
-{
-    const real x = (real)((PIEZO_X_START - PIEZO_X_CENTRE) / PIEZO_X_SCALE), branch = within(-x, -1, 1);
-    for (int i = 0; i < lanes(c->shape); ++i) {
-        c->play[i] = x + branch * c->operators.r[i];
-    }
-    for (int i = 0; i < creep_lanes(c->shape); ++i) {
-        c->creep[i] = c->play[i % lanes(c->shape)];
-    }
-}
-
 #if PIEZO_LEARNING
 static Controller controller_of(const piezo_axis *axis)
 {
@@ -135,18 +123,16 @@ void piezo_reset(piezo_axis *axis)
         weights[i] = (real)exported[i];
     }
     compensator_set_weights(&c, weights);
-    settle(&c);
 #if PIEZO_RING > 0
     for (size_t i = 0; i < sizeof prefilter / sizeof *prefilter; ++i) {
         ((real *)(void *)c.prefilter.reference)[i] = (real)prefilter[i];
     }
-    compensator_balance(&c, 1);
 #endif
 #if PIEZO_LEARNING
     memset(axis->learned, 0, sizeof axis->learned);
     piezo_learner_reset(axis->learner.bytes);
 #endif
-    begin_learning(axis);
+    piezo_settle(axis, (piezo_real)PIEZO_X_START);
 }
 
 static int all_finite(const piezo_real *numbers, size_t count)
@@ -221,6 +207,24 @@ piezo_status piezo_set_integral_gain(piezo_axis *axis, piezo_real per_second)
     }
     const Compensator c = of(axis);
     settings_of(&c)->gain = (real)((double)per_second * PIEZO_SAMPLE_TIME_S);
+    return PIEZO_OK;
+}
+
+piezo_status piezo_settle(piezo_axis *axis, piezo_real x_start)
+{
+    const Compensator c = of(axis);
+    if (!(x_start >= c.memory->low && x_start <= c.memory->high)) {
+        return PIEZO_BAD_LIMITS;
+    }
+    const real x = ((real)x_start - (real)PIEZO_X_CENTRE) / (real)PIEZO_X_SCALE, branch = within(-x, -1, 1);
+    for (int i = 0; i < lanes(c.shape); ++i) { /* after swings through the range that died away */
+        c.play[i] = x + branch * c.operators.r[i];
+    }
+    for (int i = 0; i < creep_lanes(c.shape); ++i) {
+        c.creep[i] = c.play[i % lanes(c.shape)];
+    }
+    compensator_balance(&c, 1);
+    begin_learning(axis);
     return PIEZO_OK;
 }
 

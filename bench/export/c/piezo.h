@@ -119,6 +119,9 @@ piezo_real piezo_step(piezo_axis *axis, piezo_real y_ref);
  * piezo_step does it; without, call it before each step if there is a sensor. */
 void piezo_correct(piezo_axis *axis, piezo_real y_measured);
 
+/* Limits of the drive and its largest change from sample to sample, in input units. Call it between two steps. */
+piezo_status piezo_set_limits(piezo_axis *axis, piezo_real low, piezo_real high, piezo_real max_step);
+
 /* Call the following functions between two steps, while piezo_learn does not run. */
 
 /* Change the model. The difference between both models' drives at this moment is added to the drive and multiplied by
@@ -126,11 +129,12 @@ void piezo_correct(piezo_axis *axis, piezo_real y_measured);
  * is refused, and nothing changes. Learning restarts from the new model; samples and weights in transit are dropped. */
 piezo_status piezo_set_model(piezo_axis *axis, const piezo_weights *weights, piezo_real blend);
 
-/* Limits of the drive and its largest change from sample to sample, in input units. */
-piezo_status piezo_set_limits(piezo_axis *axis, piezo_real low, piezo_real high, piezo_real max_step);
-
 /* Gain of the integral action per second, from 0 to PIEZO_LARGEST_GAIN. */
 piezo_status piezo_set_integral_gain(piezo_axis *axis, piezo_real per_second);
+
+/* The actuator has settled at this drive, within the limits, from which the largest change of the drive counts.
+ * Learning restarts from there. */
+piezo_status piezo_settle(piezo_axis *axis, piezo_real x_start);
 
 /* The states of the actuator, to save over a restart of the controller. Learning restarts from them,
  * and the delays of the dynamics begin in balance. */
