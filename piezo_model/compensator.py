@@ -126,8 +126,6 @@ class Compensator(Stateful):
         checks.instance(HysteresisCreepModel, model=model)
         checks.flags(0, dynamics=dynamics)
         self._inverts, self._model = bool(dynamics), model
-        self.learner_structure: ModelStructure | None = None
-        """The only structure that it takes, that of its learner; None if it has none."""
         s = model.structure
         x_limits = s.x_range if x_limits is None else x_limits
         checks.require(lambda pair: pair[0] < pair[1], "two numbers in ascending order", x_limits=x_limits)
@@ -154,8 +152,6 @@ class Compensator(Stateful):
         OperatorState.check_fits(state, s)
         prefilter = Prefilter(model.dynamics if self._inverts else None, s.sample_time)
         shape = *s.shape, prefilter.modes, prefilter.ring
-        if self.learner_structure and (shape != self.shape or s != self.learner_structure):
-            raise ValueError("the model or state is that of another structure or other dynamics than the learner has")
         core = State(bindings.compensator_bytes(*shape), lambda block: bindings.compensator_setup(block, *shape))
         write_operators(core, s, s.dead_zone_thresholds)
         core["settings"][:] = drive_settings(s, self._rate_limit, decay, self._integral_gain)
@@ -239,9 +235,8 @@ class Compensator(Stateful):
         """Change to another model of the same operators without a transfer bump.
 
         The states are kept. The change of the drive at this moment is subtracted from it and decays with the time
-        constant ``blend_time_s``; with 0 the drive jumps. The new structure may have other ranges, unless a
-        learner has the compensator; the states are then converted by ``OperatorState.rescaled_to``. The inverse of
-        other dynamics begins in balance.
+        constant ``blend_time_s``; with 0 the drive jumps. The new structure may have other ranges; the states are
+        then converted by ``OperatorState.rescaled_to``. The inverse of other dynamics begins in balance.
         """
         checks.instance(HysteresisCreepModel, model=model)
         old, new = self._model.structure, model.structure

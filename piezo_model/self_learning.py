@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, Self, TypedDict
+from typing import Any, NoReturn, Self, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -67,6 +67,19 @@ class SavedState(TypedDict):
     log: list[Event]
 
 
+class LearnedCompensator(Compensator):
+    """The compensator of a learner, which alone drives and changes it: it learns from its own drives and weights."""
+
+    def _refuse(self, *_: Any, **__: Any) -> NoReturn:
+        raise ValueError(
+            "a learner has this compensator and alone changes it; step and restore the learner, or begin another one "
+            "with the model and the state"
+        )
+
+    step = correct = run = change_model = restore = set_blend_time = _refuse  # type: ignore[assignment]
+    state = Compensator.state.setter(_refuse)  # type: ignore[attr-defined]
+
+
 class SelfLearningCompensator(Stateful):
     """A compensator that identifies its own model while it runs.
 
@@ -117,7 +130,7 @@ class SelfLearningCompensator(Stateful):
     Attributes
     ----------
     compensator : Compensator
-        The compensator whose weights are learned.
+        The compensator whose weights are learned, to be read: only the learner changes it.
     settings : LearningSettings
         The parameters above.
     log : deque of Event
@@ -191,7 +204,7 @@ class SelfLearningCompensator(Stateful):
             model = replace(model, structure=replace(structure, offset=True))
         s = model.structure
         self.settings, self._cyclic = settings, settings.mode == "cyclic"
-        self.compensator = compensator = Compensator(
+        self.compensator = compensator = LearnedCompensator(
             model,
             settings.x_limits,
             settings.rate_limit,
@@ -210,8 +223,7 @@ class SelfLearningCompensator(Stateful):
         self._core["noise_gains"][:] = compensator.prefilter.noise_gains
         write_slope_regressors(self._core, s)
         self._driven = DrivenRange() if self._cyclic else DrivenRange(round(PIECE_S / CHECKPOINT_S))
-        compensator.set_blend_time(settings.blend_time_s)
-        compensator.learner_structure = s
+        Compensator.set_blend_time(compensator, settings.blend_time_s)
         self._begin(compensator.state, resets=True)
 
     @property
@@ -414,7 +426,9 @@ class SelfLearningCompensator(Stateful):
         saved = json_file.convert(state, SavedState)
         model = HysteresisCreepModel.from_file(saved["compensator"]["model"])
         learner = cls(model.structure, **vars(settings), model=model)
-        learner.compensator.restore(saved["compensator"])
+        if learner.structure != model.structure:
+            raise ValueError("the model has no constant term, which the settings ask for")
+        Compensator.restore(learner.compensator, saved["compensator"])
         learner._core.restore(saved["learning"]["core"], bindings.learner_restore)
         learner._core["noise_gains"][:] = learner.compensator.prefilter.noise_gains
         learner._driven = replace(saved["learning"]["driven"], per_piece=learner._driven.per_piece)
@@ -520,7 +534,6 @@ class SelfLearningCompensator(Stateful):
         self._memory["level"] *= (old.x_scale / new.x_scale) ** 2
         learned = HysteresisCreepModel.from_weights(old, self.learned_weights)  # which may not be handed over yet
         model = carried_over(learned, new).with_dynamics_of(self.model)
-        self.compensator.learner_structure = new
-        self.compensator.change_model(model, self.settings.blend_time_s)
+        Compensator.change_model(self.compensator, model, self.settings.blend_time_s)
         self._begin(state, resets=False)
         self._note("range", "the thresholds follow the range that was driven")

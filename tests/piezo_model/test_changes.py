@@ -109,12 +109,6 @@ OF_COMPENSATOR: Ways = {
     "output": (lambda c, v: c.correct(v), A_NUMBER),
 }
 OF_LEARNER: Ways = {
-    **{
-        f"its compensator's {name}": (lambda c, v, change=change: change(c.compensator, v), set())
-        for name, (change, _) in OF_COMPENSATOR.items()
-        if name in ("state", "model", "blend")
-    },
-    "its compensator's ranges": (lambda c, v: c.compensator.restore(Compensator(OF_OTHER_RANGES).get_state()), set()),
     "actuator": (lambda c, v: c.run([1.0, 2.0], v), set()),
     "an endless drive": (lambda c, v: c.observe([np.inf], [0.0]), set()),
     "outputs of other drives": (lambda c, v: c.observe([1.0], [0.0, 1.0]), set()),
@@ -235,6 +229,22 @@ def test_a_wrong_value_is_refused_and_leaves_the_next_steps_as_they_would_have_b
     change, right = next(ways for kind, ways in WAYS.items() if kind in name)[way]
     for value in sorted(VALUES.keys() - right):
         assert twins.refuses(lambda value=value: change(twins.changed, VALUES[value])), value
+
+
+@pytest.mark.parametrize("name", [name for name in CONTROLLERS if "learner" in name])
+def test_what_would_be_right_for_a_compensator_is_refused_for_that_of_a_learner(name: str) -> None:
+    twins = Twins(name)
+    one = twins.changed.compensator
+    for change in (
+        lambda: one.change_model(HysteresisCreepModel.from_weights(S, S.straight_line), 0.01),
+        lambda: one.restore(one.get_state()),
+        lambda: setattr(one, "state", states()),
+        lambda: one.set_blend_time(1.0),
+        lambda: one.step(1.0),
+        lambda: one.run([1.0]),
+        lambda: one.correct(1.0),
+    ):
+        assert twins.refuses(change)
 
 
 @pytest.mark.parametrize("name", CONTRADICTED)
