@@ -315,7 +315,6 @@ class SelfLearningCompensator(Stateful):
         checks.require(callable, "a function of drives", actuator=actuator)
         if self._last_x is not None:
             self.observe([self._last_x], [np.nan])
-            self._last_x = None
         x, y = np.empty(y_ref.size), np.full(y_ref.size, np.nan)
         done = 0
         while done < y_ref.size:
@@ -329,8 +328,13 @@ class SelfLearningCompensator(Stateful):
         return x, y
 
     def drive(self, y_ref: ArrayLike) -> Vector:
-        """Drives (N,) for references (N,), at most `samples_until_change` of them; ``observe`` must follow."""
+        """Drives (N,) for references (N,), at most `samples_until_change` of them, once the last drive is observed;
+        ``observe`` must follow."""
         (y_ref,) = checks.vectors(y_ref=y_ref)
+        if self._last_x is not None or y_ref.size > self.samples_until_change():
+            raise ValueError(
+                "drive takes at most samples_until_change() references, and none before the last drive is observed"
+            )
         x = np.empty_like(y_ref)
         with self._core.exclusive():
             bindings.learner_drive(self._core.block, self.compensator.block, y_ref, x)
@@ -340,6 +344,7 @@ class SelfLearningCompensator(Stateful):
         """Learn from drive samples (N,) of the compensator and their outputs (N,), NaN if unknown."""
         x, y = checks.vectors(x=x, y=y)
         checks.finite_arrays(x=x)
+        self._last_x = None
         self._until_done(
             x.size,
             lambda done, events: bindings.learner_observe(self._core.block, self.compensator.block, y, x, done, events),

@@ -110,6 +110,8 @@ OF_COMPENSATOR: Ways = {
 }
 OF_LEARNER: Ways = {
     "actuator": (lambda c, v: c.run([1.0, 2.0], v), set()),
+    "references of a run": (lambda c, v: c.run(v, np.sin), {"none", "three", *NUMBERS}),
+    "references of drives before the last is observed": (lambda c, v: c.drive(v), set()),
     "an endless drive": (lambda c, v: c.observe([np.inf], [0.0]), set()),
     "outputs of other drives": (lambda c, v: c.observe([1.0], [0.0, 1.0]), set()),
     "drives": (lambda c, v: c.observe(v, [1.0, 2.0]), {"descending"}),

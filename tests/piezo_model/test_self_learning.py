@@ -100,6 +100,8 @@ def test_an_actuator_that_fails_in_a_run_leaves_the_state_that_steps_without_its
     stepped.run([], unplugged)  # the output of the last step is missing, too
     with pytest.raises(ValueError, match="the output of the actuator must hold real numbers, not list"):
         ran.run(y_ref[:1], lambda x: [None])  # type: ignore[list-item, return-value]
+    with pytest.raises(ValueError, match=r"drive takes at most samples_until_change\(\) references"):
+        stepped.drive(y_ref[: stepped.samples_until_change() + 1])
     stepped.observe(stepped.drive(y_ref[:1]), [math.nan])
     for part in ("compensator", "last_x", "log"):
         np.testing.assert_equal(ran.get_state()[part], stepped.get_state()[part])
