@@ -21,7 +21,7 @@ from piezo_model import checks
 from piezo_model.compensator import blend_factor, drive_memory, drive_settings
 from piezo_model.core import State, Stateful, bindings
 from piezo_model.deployment import LearnerFile, read_learner, write_learner
-from piezo_model.dynamics import Dynamics
+from piezo_model.dynamics import Dynamics, KnownDynamics
 from piezo_model.json_file import LARGEST, convert
 from piezo_model.learning.settings import MEMORY, LearningSettings, learner_numbers, write_settings
 from piezo_model.model import HysteresisCreepModel, ModelError
@@ -52,7 +52,7 @@ class BankState(TypedDict):
 
     core: np.ndarray
     slots: np.ndarray
-    dynamics: list[Dynamics | None]
+    dynamics: list[KnownDynamics]
 
 
 class BankSettings(TypedDict):
@@ -134,7 +134,7 @@ class CompensatorBank(Stateful):
         prefilter = Prefilter(dynamics, structure.sample_time)
         self._modes, self._ring = prefilter.modes, 2 * prefilter.ring
         self._shape = *structure.shape, self._modes, self._ring
-        self._dynamics: NDArray[np.object_] = np.empty(0, np.object_)
+        self._known: NDArray[np.object_] = np.empty(0, np.object_)
         self.block, self._numbers = learner_numbers(structure, self.settings)
         """Samples of a block."""
         self.interval = int(self._numbers["interval"])
@@ -215,7 +215,7 @@ class CompensatorBank(Stateful):
             self._allocate(-(-total // LANES))
         new = np.setdiff1d(np.arange(self._tiles * LANES), self._slots)[:count]
         self._place(np.concatenate([self._slots, new]))
-        self._dynamics = np.append(self._dynamics, [None] * count)
+        self._known = np.append(self._known, [None] * count)
         starts: dict[str, ArrayLike] = {
             **dict.fromkeys(LANE_BY_LANE, 0.0),
             "drive_memory": drive_memory(s, low, high).T,
@@ -232,7 +232,7 @@ class CompensatorBank(Stateful):
         which = self._numbered(which)
         self._view("memory")[lanes(self._slots[which], 0)] = 0.0
         self._place(np.delete(self._slots, which))
-        self._dynamics = np.delete(self._dynamics, which)
+        self._known = np.delete(self._known, which)
 
     def set_model(self, actuator: ArrayLike, model: HysteresisCreepModel) -> None:
         """Set the model of actuators, of the bank's structure; they learn from there, and their drives jump."""
@@ -240,7 +240,7 @@ class CompensatorBank(Stateful):
         if model.structure != self.structure:
             raise ValueError("the model has another structure than the bank")
         which, prefilter = self._numbered(actuator), self._prefilter(model)
-        self._dynamics[which], slots = model.dynamics, self._slots[which]
+        self._known[which], slots = model.known_dynamics, self._slots[which]
         numbers: dict[str, ArrayLike] = {
             "prefilter": prefilter.with_states(np.zeros(self._view("prefilter").shape[1])),
             "noise_gains": prefilter.noise_gains,
@@ -303,8 +303,8 @@ class CompensatorBank(Stateful):
     def models(self) -> list[HysteresisCreepModel]:
         """The models in use."""
         return [
-            replace(HysteresisCreepModel.from_all_weights(self.structure, weights), dynamics=g)
-            for weights, g in zip(self.weights, self._dynamics, strict=True)
+            replace(HysteresisCreepModel.from_all_weights(self.structure, weights), **vars(known))
+            for weights, known in zip(self.weights, self._known, strict=True)
         ]
 
     def step(self, y_ref: ArrayLike, y_measured_before: ArrayLike) -> Vector:
@@ -357,7 +357,7 @@ class CompensatorBank(Stateful):
         return {
             "core": self._core.block.copy(),
             "slots": self._slots.copy(),
-            "dynamics": [g and g.to_dict() for g in self._dynamics],
+            "dynamics": [asdict(known) for known in self._known],
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
@@ -373,14 +373,14 @@ class CompensatorBank(Stateful):
             raise ValueError(
                 f"slots must be different whole numbers from 0 to {most - 1}, one for each of the dynamics"
             )
-        prefilters = {g: self._prefilter(replace(self._line, dynamics=g)) for g in dict.fromkeys(dynamics)}
+        prefilters = {known: self._prefilter(replace(self._line, **vars(known))) for known in dict.fromkeys(dynamics)}
         self._core.restore(saved["core"], bindings.bank_restore)
         self._place(slots.copy())
-        self._dynamics = np.array(dynamics, np.object_)
+        self._known = np.array(dynamics, np.object_)
         constants, gains = self._view("prefilter"), self._view("noise_gains")
-        for g, tile, lane in zip(dynamics, *np.divmod(slots, LANES), strict=True):  # they follow from the dynamics
-            constants[tile, :, lane] = prefilters[g].with_states(constants[tile, :, lane])
-            gains[tile, :, lane] = prefilters[g].noise_gains
+        for known, tile, lane in zip(dynamics, *np.divmod(slots, LANES), strict=True):  # they follow from the dynamics
+            constants[tile, :, lane] = prefilters[known].with_states(constants[tile, :, lane])
+            gains[tile, :, lane] = prefilters[known].noise_gains
 
     def save(self, path: str | Path) -> None:
         """Write settings and state as JSON; the file is replaced as a whole."""
@@ -397,7 +397,7 @@ class CompensatorBank(Stateful):
         if zipfile.is_zipfile(path):
             raise ModelError(
                 f"{path}: a bank's file of version 6 or before, and this program reads those of version "
-                f"{LearnerFile.VERSION}; load it with the program that wrote it, and take its models over"
+                f"{LearnerFile.VERSION}; begin another bank"
             )
         fields, state = read_learner(path)
         with checks.refusing(ModelError, f"{path}: does not hold a whole bank: "):

@@ -90,8 +90,8 @@ class LearnerFile(json_file.Versioned):
     """The file of a self-learning compensator, or of a bank of them, in operation: arrays are packed, to the bit."""
 
     FORMAT = "piezobench-learner"
-    VERSION = 8
-    UPGRADE_HINT = "save its model, the field state.compensator.model, as a file of its own, and start from that"
+    VERSION = 9
+    UPGRADE_HINT = "save a learner's model, its field state.compensator.model, as a file, and start from that"
     settings: dict[str, Any]
     """Fields of `learning.settings.LearningSettings`, or of `bank.BankSettings`."""
     state: dict[str, Any]

@@ -37,7 +37,7 @@ from numpy.typing import ArrayLike
 
 from piezo_model import checks
 from piezo_model.core import bindings
-from piezo_model.json_file import LARGEST
+from piezo_model.json_file import LARGEST, Number
 from piezo_model.units import quantity
 from solvers.arrays import Matrix, Vector
 
@@ -282,6 +282,15 @@ def delayed(dynamics: Dynamics | None, delay_s: float) -> Dynamics | None:
     """Dynamics, or None, with a further delay."""
     g = dynamics or Dynamics((), (), (), 0.0)
     return replace(g, delay_s=g.delay_s + delay_s) if delay_s else dynamics
+
+
+@dataclass(frozen=True)
+class KnownDynamics:
+    """What is known of a stage: the dynamics of its model, those that the model leaves out, and the sensor's delay."""
+
+    dynamics: Dynamics | None = None
+    left_out: Dynamics | None = None
+    sensor_delay_s: Number = 0.0
 
 
 class Stream:

@@ -35,6 +35,9 @@ class Versioned(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     format: str
     version: int
 
+    def __post_init__(self) -> None:
+        check_version({"format": self.format, "version": self.version}, type(self))  # of one inside another file, too
+
 
 def read(path: str | Path, schema: type[T], refused: type[ValueError] = ValueError) -> T:
     """The content of a file; the error is a sentence that names the file, and the reason or the wrong field."""
@@ -81,7 +84,7 @@ def convert(data: Any, schema: type[T]) -> T:
     """
     kind = get_origin(schema) or schema
     if isinstance(kind, type) and issubclass(kind, Versioned):
-        _check_version(data, kind)
+        check_version(data, kind)  # before its fields, which may be others
     try:
         result = msgspec.convert(data, schema)
         unknown = _unknown(data, msgspec.to_builtins(result, enc_hook=lambda _: None))
@@ -173,7 +176,8 @@ def format_of(path: str | Path) -> str:
         return ""
 
 
-def _check_version(data: Any, schema: type[Versioned]) -> None:
+def check_version(data: Any, schema: type[Versioned]) -> None:
+    """Raise ValueError if decoded JSON states another format or version than its schema."""
     if not isinstance(data, dict) or data.get("format") != schema.FORMAT:
         raise ValueError(f"the format field is not {schema.FORMAT!r}")
     version = data.get("version")

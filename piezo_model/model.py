@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 from piezo_model import checks, json_file, simulation
 from piezo_model.atomic_file import write_text
 from piezo_model.core import Immutable
-from piezo_model.dynamics import Dynamics, delayed
+from piezo_model.dynamics import Dynamics, KnownDynamics, delayed
 from piezo_model.json_file import LARGEST, Number, ReadOnly, packed, unpacked
 from piezo_model.operator_state import OperatorState, States
 from piezo_model.structure import SMALLEST, ModelStructure
@@ -286,7 +286,12 @@ class HysteresisCreepModel(Immutable):
 
     def with_dynamics_of(self, other: HysteresisCreepModel) -> HysteresisCreepModel:
         """These weights with the dynamics of another model, including those that it leaves out."""
-        return replace(self, dynamics=other.dynamics, left_out=other.left_out, sensor_delay_s=other.sensor_delay_s)
+        return replace(self, **vars(other.known_dynamics))
+
+    @property
+    def known_dynamics(self) -> KnownDynamics:
+        """What a loop around the stage meets."""
+        return KnownDynamics(self.dynamics, self.left_out, self.sensor_delay_s)
 
     def require_stable(self, integral_gain: float, *, inverts: bool = True) -> float:
         """The stability limit of the gain of integral action, in 1/s, with all dynamics of the stage and its sensor,
@@ -352,7 +357,7 @@ class HysteresisCreepModel(Immutable):
             self,
             structure=structure,
             dynamics=dynamics,
-            left_out=self.left_out if dynamics == self.dynamics else self.dynamics,
+            left_out=self.left_out or (None if dynamics == self.dynamics else self.dynamics),
             report={"sample_time_s": own, **self.report},
         )
 

@@ -184,7 +184,7 @@ CONTRADICTED: dict[str, tuple[tuple[tuple[Any, ...], Any], ...]] = {
         (("slots",), np.zeros(2, np.int64)),
         (("slots",), [0, 1]),
         (("core",), None),
-        (("dynamics",), [SHAKY.dynamics.to_dict()] * 2),
+        (("dynamics",), [{"dynamics": SHAKY.dynamics.to_dict()}] * 2),
         (("dynamics",), np.ones((2, 3))),
         (("dynamics",), [None]),
     ),
@@ -314,7 +314,11 @@ def test_a_gain_is_refused_beside_the_lag_that_the_loop_has_whatever_became_of_i
     most = model.require_stable(1.0, inverts=False)
     assert 100.0 < most < 500.0
     model.save(tmp_path / "model.json")
-    for same in (model, model.static, model.at(5e-4), HysteresisCreepModel.load(tmp_path / "model.json")):
+    bank = CompensatorBank(S, 1, dynamics=model.dynamics)
+    bank.set_model(0, model)
+    bank.save(tmp_path / "bank.json")
+    loaded = HysteresisCreepModel.load(tmp_path / "model.json"), *CompensatorBank.load(tmp_path / "bank.json").models
+    for same in (model, model.static, model.at(5e-4), *loaded):
         assert same.require_stable(1.0, inverts=False) == pytest.approx(most, rel=0.2)
     with pytest.raises(ModelError, match=r"integral_gain must be below .* beside a delay of 3"):
         Compensator(model, integral_gain=1.1 * most, dynamics=False)

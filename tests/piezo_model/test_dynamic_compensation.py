@@ -353,7 +353,7 @@ def test_a_bank_with_dynamics_of_any_number_of_actuators_is_loaded_as_it_was_sav
     loaded = CompensatorBank.load(tmp_path / "bank.json")
     np.testing.assert_array_equal(loaded.run(reference, reference), bank.run(reference, reference))
     state = bank.get_state()
-    state["dynamics"][0]["frequencies_Hz"] = [0.36 / T]
+    state["dynamics"][0]["dynamics"]["frequencies_Hz"] = [0.36 / T]
     with pytest.raises(ValueError, match="the resonance at 3600 Hz is above 35 % of the sampling rate"):
         bank.restore(state)
 
@@ -369,7 +369,7 @@ def test_a_restored_bank_and_learner_compute_with_the_dynamics_that_they_state()
     bank.restore(state)
     measured = np.repeat(0.9 * reference[:, None], 10, axis=1)
     np.testing.assert_array_equal(bank.run(measured, measured), same.run(measured, measured))
-    state["dynamics"][3]["delay_s"] = 0.5
+    state["dynamics"][3]["dynamics"]["delay_s"] = 0.5
     with pytest.raises(ValueError, match="the bank has room for 1 modes and the lag of its own"):
         bank.restore(state)
     wild = bank.get_state()

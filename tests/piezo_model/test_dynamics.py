@@ -157,6 +157,7 @@ def test_at_another_sampling_period_a_mode_too_fast_is_its_static_gain_and_other
     slower.save(tmp_path / "slower.json")
     assert "only the static gain of the fastest modes" in HysteresisCreepModel.load(tmp_path / "slower.json").warning
     assert (slower.dynamics, slower.left_out) == (Dynamics((4.0,), (0.02,), (0.6,), 3e-3, 4e-3), model.dynamics)
+    assert slower.at(0.1).left_out == model.dynamics
     ramp = np.linspace(0.0, 90.0, 40_000)
     np.testing.assert_allclose(slower.simulate(ramp[9::10])[400:], model.simulate(ramp)[9::10][400:], atol=5e-3)
     assert [slower.require_stable(0.1, inverts=inverts) for inverts in (True, False)] == [

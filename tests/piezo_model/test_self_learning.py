@@ -169,8 +169,8 @@ def test_a_file_of_an_older_version_is_refused_with_working_advice_on_its_model(
     path.write_text(json.dumps({**content, "version": 6}))
     with pytest.raises(
         ModelError,
-        match=r"version 6 is not 8, the one this program reads; save its model, the field "
-        r"state\.compensator\.model, as",
+        match=r"version 6 is not 9, the one this program reads; save a learner's model, its field "
+        r"state\.compensator\.model, as a file",
     ):
         SelfLearningCompensator.load(path)
     (tmp_path / "model.json").write_text(json.dumps(content["state"]["compensator"]["model"]))
@@ -276,6 +276,15 @@ def test_a_deployed_file_with_a_setting_that_the_solver_does_not_have_is_refused
     for load in (Deployment.load, SelfLearningCompensator.load):
         with pytest.raises(ModelError, match=rf"^[^\n]*deployed\.json: {sentence}[^\n]*$"):
             load(path)
+
+
+def test_a_deployed_file_whose_model_is_of_another_version_is_refused(tmp_path: Path) -> None:
+    path, solver = tmp_path / "deployed.json", solvers.get(STEPPED)
+    deployment(fresh("cyclic", STEPPED).model, STEPPED, dict(solver.ladder(1.0)[0])).save(path)
+    content = json.loads(path.read_text())
+    path.write_text(json.dumps({**content, "model": {**content["model"], "version": 2}}))
+    with pytest.raises(ModelError, match=r"deployed\.json: model: version 2 is not 3, the one this"):
+        SelfLearningCompensator.load(path)
 
 
 def test_it_starts_from_a_deployed_file_with_its_model_solver_and_limits(tmp_path: Path) -> None:
