@@ -401,9 +401,9 @@ class CompensatorBank(Stateful):
             )
         fields, state = read_learner(path)
         with checks.refusing(ModelError, f"{path}: does not hold a whole bank: "):
-            given = convert(fields, BankSettings)
-            options = {name: getattr(given["learning"], name) for name in OPTIONS}
-            bank = cls(given["structure"], LANES, dynamics=given["dynamics"], threads=threads, **options)
+            saved = convert(fields, BankSettings)
+            options = {name: getattr(saved["learning"], name) for name in OPTIONS}
+            bank = cls(saved["structure"], LANES, dynamics=saved["dynamics"], threads=threads, **options)
             heads = bindings.bank_bytes(*bank._shape, 0, bank.block)
             tiles = (convert(state, BankState)["core"].size - heads) // (bank._core.block.size - heads)
             bank._allocate(max(1, tiles))

@@ -28,10 +28,9 @@ from solvers.arrays import Matrix, Vector, reals
 LIMITS = slice(0, 4)
 """Entries of the drive's memory (``DriveMemory`` in ``core/compensator.h``): its limits, in the input unit and
 in normalised units."""
-BUMP, LAST_Y_REF, CORRECTION, GIVEN, HELD, TURN = range(4, 10)
+BUMP, LAST_Y_REF, CORRECTION, TARGET = range(4, 8)
 """Its other entries: the transfer bump, added to the drive since the last change of weights; the last finite reference;
-the correction of integral action; the last reference given; 1 or -1 if the limits held its drive; the creep states to
-flush next."""
+the correction of integral action; and what the output is compared with. Two follow that the core alone uses."""
 DECAY = 5
 """Entry of the drive's settings (``DriveSettings``): the factor by which a transfer bump decays for each sample."""
 
@@ -72,7 +71,7 @@ def drive_memory(s: ModelStructure, low: ArrayLike, high: ArrayLike) -> Matrix:
     low, high = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
     memory = np.zeros((10, *low.shape))
     memory[LIMITS] = low, high, s.unit_input(low), s.unit_input(high)
-    memory[LAST_Y_REF], memory[GIVEN] = s.y_centre, math.nan
+    memory[LAST_Y_REF], memory[TARGET] = s.y_centre, math.nan
     return memory
 
 

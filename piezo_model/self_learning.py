@@ -408,9 +408,9 @@ class SelfLearningCompensator(Stateful):
             fields, state = read_learner(path)
             with checks.refusing(ModelError, f"{path}: does not hold a whole compensator: "):
                 settings = json_file.convert(fields, LearningSettings)
-                given = {**(settings.solver_options or {}), "lane": "", "setting": ""}
+                named = {**(settings.solver_options or {}), "lane": "", "setting": ""}
                 # a library could take a text for the name of a file to write
-                if texts := [name for name, value in given.items() if value and isinstance(value, str | list | dict)]:
+                if texts := [name for name, value in named.items() if value and isinstance(value, str | list | dict)]:
                     raise ValueError(f"the solver's option {texts[0]} is no number, and a file sets only numbers")
                 return cls._resumed(settings, state)
         deployment = Deployment.load(path)

@@ -68,9 +68,9 @@ static void restore(Arguments *a, const Bank *b, void *other)
         refuse(a, "it is the state of a bank of another structure, size or settings");
         return;
     }
-    const Bank found = bank_at(other);
+    const Bank saved = bank_at(other);
     for (int64_t i = 0; i < b->head->tiles; ++i) {
-        if (!sound(&found, i)) {
+        if (!sound(&saved, i)) {
             refuse(a, "a count or a number in it cannot be");
             return;
         }

@@ -111,12 +111,12 @@ static void restore(Arguments *a, void *memory, void *other)
         refuse(a, "it is the state of a learner of other sizes");
         return;
     }
-    const Learner l = learner_at(memory), found = learner_at(other);
+    const Learner l = learner_at(memory), saved = learner_at(other);
     const size_t parameters = sizeof(real) * (size_t)(lanes(l.shape) + rate_lanes(l.shape) + 4 * zone_lanes(l.shape));
-    if (memcmp(l.settings, found.settings, sizeof *l.settings) != 0
-        || memcmp(l.regressors.operators.r, found.regressors.operators.r, parameters) != 0) {
+    if (memcmp(l.settings, saved.settings, sizeof *l.settings) != 0
+        || memcmp(l.regressors.operators.r, saved.regressors.operators.r, parameters) != 0) {
         refuse(a, "it is the state of a learner of other settings");
-    } else if (!sound(&found, then)) {
+    } else if (!sound(&saved, then)) {
         refuse(a, "a count, an index or a number in it cannot be");
     } else {
         memcpy(memory, other, (size_t)now->shaped.state.bytes);

@@ -58,7 +58,7 @@ static num filtered(const Compensator *c, num y_ref, num finite)
               low = minus(centre, most), high = plus(centre, most);
     if (p->gain > 0) {
         set_where(finite, reference, within(y_ref, low, high));
-        m->given = where(finite, N(model_filter)(&c->prefilter, c->shape, *reference), y_ref);
+        m->target = where(finite, N(model_filter)(&c->prefilter, c->shape, *reference), y_ref);
     }
     return N(reference_filter)(&c->prefilter, c->shape, within(m->last_y_ref, low, high));
 }
@@ -91,8 +91,8 @@ void N(compensator_correct)(const Compensator *c, num y, num trusted)
     DriveMemory *const m = c->memory;
     const DriveSettings *const p = c->settings;
     if (p->gain > 0) {
-        const num error = minus(m->given, y), most_added = constant(MAGNITUDE(p->y_scale));
-        const num beyond = less(constant(0), times(m->held, divided(error, constant(p->y_scale))));
+        const num error = minus(m->target, y), most_added = constant(MAGNITUDE(p->y_scale));
+        const num beyond = less(constant(0), times(m->saturated, divided(error, constant(p->y_scale))));
         const num sum =
             within(plus_times(m->correction, constant(p->gain), error), minus(constant(0), most_added), most_added);
         set_where(logical_and(trusted, logical_and(is_finite(error), is_not(beyond))), &m->correction, sum);
@@ -106,7 +106,7 @@ num N(compensator_step)(const Compensator *c, num y_ref, const Change *change)
     const num last = c->play[0], step = constant(p->max_step),
               finite = is_finite(y_ref); /* the play of threshold zero is the drive */
     const num x_centre = constant(p->x_centre), x_scale = constant(p->x_scale);
-    m->given = y_ref;
+    m->target = y_ref;
     set_where(finite, &m->last_y_ref, plus(y_ref, m->correction));
     const num reference = unit_reference(c, c->shape.ring > 0 ? filtered(c, y_ref, finite) : m->last_y_ref);
     num creep = creep_sum(c), wanted = wanted_drive(c, reference, creep);
@@ -120,12 +120,12 @@ num N(compensator_step)(const Compensator *c, num y_ref, const Change *change)
     wanted = where(finite, plus(wanted, m->bump), last);
     set_where(finite, &m->bump, flushed(times(m->bump, constant(p->decay))));
     num x = within_limits(c, where(finite, within(wanted, minus(last, step), plus(last, step)), last));
-    m->held = minus(less(x, wanted), less(wanted, x));
+    m->saturated = minus(less(x, wanted), less(wanted, x));
     x = within(plus_times(x_centre, x_scale, x), m->low, m->high); /* rounding may exceed a limit by a bit */
     flush_in_turn(c);
     receive(c->operators, c->shape, divided(minus(x, x_centre), x_scale), c->play, c->creep);
     if (c->shape.modes > 0) {
-        const num elsewhere = logical_or(absolute(m->held), is_not(finite));
+        const num elsewhere = logical_or(absolute(m->saturated), is_not(finite));
         N(reference_follow)(&c->prefilter, c->shape, output_of(c, creep), elsewhere);
     }
     return x;

@@ -28,10 +28,11 @@ typedef struct {
 
 /* State of the drive: its limits in the input unit and in normalised units; the transfer bump, which is added to
  * the drive after a change of weights; the last finite reference with the correction, and the correction of integral
- * action, both in the output unit; the last reference given, NaN before the first; `held`, 1 or -1 where the limits
- * held the drive for it below or above; and the index of the next eight creep states to flush. */
+ * action, both in the output unit; `target`, which the output is compared with, NaN before the first drive;
+ * `saturated`, 1 or -1 where the limits kept the drive below or above the wanted one; and the index of the next eight
+ * creep states to flush. */
 typedef struct {
-    num low, high, unit_low, unit_high, bump, last_y_ref, correction, given, held, turn;
+    num low, high, unit_low, unit_high, bump, last_y_ref, correction, target, saturated, turn;
 } DriveMemory;
 
 /* The weights of a model, w_H0 ... w_Hn, w'_S, w_K and the constant; the partial sums W_H of w_H; weights and

@@ -52,7 +52,7 @@ Cyclic cyclic_at(Arena *arena, Shape s)
     const int d = unknowns(s), ld = padded(d);
     Cyclic c;
     const ArenaField fields[] = {{&c.reference, ld},
-                                 {&c.found, ld},
+                                 {&c.learned, ld},
                                  {&c.q, ld},
                                  {&c.lower, ld},
                                  {&c.upper, ld},
@@ -154,7 +154,7 @@ static void make_program(const Learner *l)
 {
     const Cyclic *const c = &l->cyclic;
     const int d = l->d;
-    real *const data = c->data, *const P = c->P, *const held = c->found;
+    real *const data = c->data, *const P = c->P, *const fixed = c->learned;
     real largest = 0, trace = 0, rho;
     memcpy(c->reference, l->in_use, sizeof(real) * (size_t)d);
     for (int j = 0; j < d; ++j) {
@@ -167,7 +167,7 @@ static void make_program(const Learner *l)
         const real diagonal = data[at(d, j, j)];
         const int active = reached(l, j) && diagonal > UNDETERMINED * largest;
         const real whole_diagonal = (active ? diagonal : 0) + rho;
-        held[j] = active ? 0 : l->in_use[j];
+        fixed[j] = active ? 0 : l->in_use[j];
         c->start[j] = active ? 1 : 0;
         c->scale[j] = whole_diagonal > 0 ? 1 / ROOT(whole_diagonal) : 1;
         P[j * d + j] = whole_diagonal > 0 ? 1 : 0;
@@ -176,7 +176,7 @@ static void make_program(const Learner *l)
         real q = data[at(d, i, d)];
         for (int j = 0; j < d; ++j) {
             const real p = data[at(d, i, j)];
-            q += p * held[j];
+            q += p * fixed[j];
             if (i != j) {
                 P[i * d + j] = c->start[i] * c->start[j] * p * (c->scale[i] * c->scale[j]);
             }
@@ -248,28 +248,28 @@ static int hand_over(const Learner *l, int64_t now)
     }
     for (int j = 0; j < l->d; ++j) {
         const real z = c->answer[j] < c->lower[j] ? c->lower[j] : c->answer[j];
-        c->found[j] = z * c->scale[j];
-        sum += c->found[j] - c->found[j];
+        c->learned[j] = z * c->scale[j];
+        sum += c->learned[j] - c->learned[j];
     }
     if (!(sum == 0)) {
         return learner_refuse(l, NOT_A_NUMBER);
     }
     before = greatest(0, cost(l->d, c->data, l->in_use));
-    after = greatest(0, cost(l->d, c->data, c->found));
+    after = greatest(0, cost(l->d, c->data, c->learned));
     clock->error_in_use = ROOT(2 * before);
     clock->error_found = ROOT(2 * after);
     if (!(after <= before)) {
         return learner_refuse(l, WORSE);
     }
-    if (!learner_offer(l, c->found, 1, 1, now + l->mailbox.head->delay)) {
+    if (!learner_offer(l, c->learned, 1, 1, now + l->mailbox.head->delay)) {
         return 0; /* the last offer has not been answered: try again after the next block */
     }
-    memcpy(l->in_use, c->found, sizeof(real) * (size_t)l->d);
+    memcpy(l->in_use, c->learned, sizeof(real) * (size_t)l->d);
     l->memory->hand_overs += 1;
     if (span_share < NARROW * clock->past_span) {
         clock->past_span *= SHRINKING;
     } else {
-        recall(l, c->found, c->data, c->past);
+        recall(l, c->learned, c->data, c->past);
         clock->past_span = span_share;
     }
     cyclic_enter(l, RESET);

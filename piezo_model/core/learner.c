@@ -119,9 +119,9 @@ static int judge_direction(const Learner *l, const Block *block, const num *span
     const num rises = logical_and(less(constant(0), e[XY]), logical_or(sure, less(constant(MANY), e[STRETCHES])));
     const num falls = logical_and(logical_and(less(e[XY], constant(0)), less(times(constant(FALLS), known), explained)),
                                   logical_and(less(constant(SOME), e[STRETCHES]), less(constant(WIDE), range)));
-    const num found = logical_and(falls, is_not(less(e[DIRECTION], constant(0))));
+    const num turns = logical_and(falls, is_not(less(e[DIRECTION], constant(0))));
     e[DIRECTION] = where(rises, constant(1), where(falls, constant(-1), e[DIRECTION]));
-    return any(found) ? REVERSED : 0;
+    return any(turns) ? REVERSED : 0;
 }
 
 void N(learner_add_rows)(const Learner *l, int count, num learns)

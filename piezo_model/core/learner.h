@@ -113,7 +113,7 @@ typedef struct {
 #ifndef CORE_TILE
 /* What cyclic operation has beside: see cyclic.c. */
 typedef struct {
-    num *reference, *found;        /* unknowns in use when learning began, and what it found */
+    num *reference, *learned;      /* unknowns in use when learning began, and those that it ends with */
     num *start_play, *start_creep; /* operator states at the first sample of the building phase */
     num *covered;                  /* span of the last building phase */
     num *data, *past;              /* mean Gram matrices: of the current program, and of V_p */

@@ -82,12 +82,12 @@ enum { GUARD_NUMS = 16 };
 CORE_INLINE int64_t shared_bytes(int count) { return arena_bytes((int64_t)sizeof(shared) * WIDTH * count); }
 CORE_INLINE int state_nums(Shape s) { return (play_vectors(s) + creep_vectors(s)) * (LANES / WIDTH); }
 CORE_INLINE int64_t block_bytes(Shape s, int block) { return 64 + shared_bytes(state_nums(s) + 2 * block + 1); }
-/* The size of a mailbox with numbers of `each` bytes. */
-CORE_INLINE int64_t mailbox_size(Shape s, int block, int blocks, int64_t each)
+/* The size of a mailbox with numbers of so many bytes. */
+CORE_INLINE int64_t mailbox_size(Shape s, int block, int blocks, int64_t number_bytes)
 {
-    return arena_bytes(sizeof(MailboxHead)) + arena_bytes(each * GUARD_NUMS) + 64
-           + arena_bytes(each * (inverse_nums(s) + 4))
-           + blocks * (64 + arena_bytes(each * (state_nums(s) + 2 * block + 1)));
+    return arena_bytes(sizeof(MailboxHead)) + arena_bytes(number_bytes * GUARD_NUMS) + 64
+           + arena_bytes(number_bytes * (inverse_nums(s) + 4))
+           + blocks * (64 + arena_bytes(number_bytes * (state_nums(s) + 2 * block + 1)));
 }
 CORE_INLINE int64_t mailbox_bytes(Shape s, int block, int blocks)
 {

@@ -45,11 +45,11 @@ static int solve(const Learner *l, int lane)
 {
     const Workspace work = workspace_of(l), *const w = &work;
     Box s = box_at(w->solver);
-    const int found = box_start(&s, w->start) == OK && box_solve(&s, 1) == OK;
-    for (int i = 0; found && i < l->d; ++i) {
+    const int is_solved = box_start(&s, w->start) == OK && box_solve(&s, 1) == OK;
+    for (int i = 0; is_solved && i < l->d; ++i) {
         *entry(l->candidate, i, lane) = s.answer[i];
     }
-    return found;
+    return is_solved;
 }
 
 int N(learner_optimum)(const Learner *l, num which)

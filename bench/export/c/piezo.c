@@ -116,9 +116,8 @@ void piezo_reset(piezo_axis *axis)
                                        .y_scale = (real)PIEZO_Y_SCALE,
                                        .decay = (real)PIEZO_BLEND,
                                        .gain = (real)PIEZO_INTEGRAL_GAIN};
+    *c.memory = (DriveMemory){.last_y_ref = (real)PIEZO_Y_CENTRE, .target = (real)NAN};
     set_limits(&c, PIEZO_LOW, PIEZO_HIGH, PIEZO_MAX_STEP);
-    c.memory->last_y_ref = (real)PIEZO_Y_CENTRE;
-    c.memory->given = (real)NAN;
     for (int i = 0; i < PIEZO_ALL_WEIGHTS; ++i) {
         weights[i] = (real)exported[i];
     }
@@ -258,7 +257,7 @@ piezo_status piezo_set_state(piezo_axis *axis, const piezo_state *state)
     c.memory->bump = state->bump;
     c.memory->last_y_ref = state->last_y_ref;
     c.memory->correction = state->correction;
-    c.memory->given = (real)NAN;
+    c.memory->target = (real)NAN;
     compensator_balance(&c, 1);
 #if PIEZO_MODES > 0
     memcpy(c.prefilter.reference, state->modes, sizeof state->modes);
