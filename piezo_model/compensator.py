@@ -128,12 +128,12 @@ class Compensator(Stateful):
         s = model.structure
         x_limits = s.x_range if x_limits is None else x_limits
         checks.require(lambda pair: pair[0] < pair[1], "two numbers in ascending order", x_limits=x_limits)
-        low, high = map(float, x_limits)
-        self._x_limits, self._rate_limit, self._integral_gain = (low, high), rate_limit, integral_gain
+        self._x_limits = float(x_limits[0]), float(x_limits[1])
+        self._rate_limit, self._integral_gain = rate_limit, integral_gain
         if state is not None and x_start is not None:
             raise ValueError("give either state or x_start: the states say where the drive starts")
-        state = OperatorState.before_drive(s, (low, high), x_start) if state is None else state
-        self._use(model, state, drive_memory(s, low, high)[BUMP:], 0.0)
+        state = OperatorState.before_drive(s, self._x_limits, x_start) if state is None else state
+        self._use(model, state, drive_memory(s, *self._x_limits)[BUMP:], 0.0)
 
     def _use(
         self,
@@ -177,8 +177,7 @@ class Compensator(Stateful):
     @property
     def lag_s(self) -> float:
         """Time by which the output lags a slow reference, in s; 0 without dynamics or without their inverse."""
-        g = self._model.dynamics if self._inverts else None
-        return 0.0 if g is None else g.lag_s(self._model.structure.sample_time)
+        return self._model.lag_s if self._inverts else 0.0
 
     @property
     def state(self) -> OperatorState:

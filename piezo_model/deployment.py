@@ -50,8 +50,6 @@ class Deployment(json_file.Versioned, Generic[Model], kw_only=True):
     """Run, machine, rule, figures and certificate, for people to read."""
 
     def __post_init__(self) -> None:
-        if self.solver == "recursive_active_set":  # in stored races and files; both are exact and have no settings
-            self.solver = "box_active_set"
         self.lane = Lane(self.lane)
         checks.one_of(TIERS, tier=self.tier)
         self.x_limits = LearningSettings(  # type: ignore[assignment]

@@ -293,6 +293,11 @@ class HysteresisCreepModel(Immutable):
         """What a loop around the stage meets."""
         return KnownDynamics(self.dynamics, self.left_out, self.sensor_delay_s)
 
+    @property
+    def lag_s(self) -> float:
+        """Time by which the output lags a slow reference behind the inverse of the dynamics, in s; 0 without any."""
+        return 0.0 if self.dynamics is None else self.dynamics.lag_s(self.structure.sample_time)
+
     def require_stable(self, integral_gain: float, *, inverts: bool = True) -> float:
         """The stability limit of the gain of integral action, in 1/s, with all dynamics of the stage and its sensor,
         even if the model leaves them out; infinite without dynamics. ModelError if the gain is not below the limit."""

@@ -106,8 +106,8 @@ def live_verb(
         make, name, declared, first, model is not None, learn, integral_gain, samples, words, rate, seconds
     )
     settings.compensator()  # or a sentence why there is none
-    inverted = settings.lag_s and (
-        f"The output lags the reference by {quantity(settings.lag_s, 's', 3)}, since the dynamics of the stage are "
+    inverted = first.lag_s and (
+        f"The output lags the reference by {quantity(first.lag_s, 's', 3)}, since the dynamics of the stage are "
         "inverted."
     )
     for sentence in filter(None, (inverted, first.warning, settings.out_of_reach())):

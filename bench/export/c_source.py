@@ -166,16 +166,15 @@ def variables_of(model: HysteresisCreepModel, settings: ExportSettings, title: s
     outer_low, outer_high = regressors.outer_limits(s)
     kind = SOLVERS.index(settings.solver) if settings.cyclic else len(SOLVERS)
     prefilter = Prefilter(model.dynamics, s.sample_time)
-    lag_s = 0.0 if model.dynamics is None else model.dynamics.lag_s(s.sample_time)
     return {
         "title": f"{title}. {model.warning}" if model.warning else title,
         "model": model,
         "s": s,
         "settings": settings.numbers(s),
         "prefilter": prefilter,
-        "lag_s": lag_s,
+        "lag_s": model.lag_s,
         "most_gain": min(model.require_stable(settings.integral_gain), 1.0 / s.sample_time),
-        "lag": quantity(lag_s, "s", 3),
+        "lag": quantity(model.lag_s, "s", 3),
         "precision": precision,
         "learning": settings.learning,
         "cyclic": settings.cyclic,

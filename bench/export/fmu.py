@@ -59,7 +59,7 @@ class Variable(NamedTuple):
 def variables(model: HysteresisCreepModel, settings: ExportSettings) -> list[Variable]:
     """Inputs, output, parameters and the lag with units and start values."""
     s = model.structure
-    numbers, lag_s = settings.numbers(s), 0.0 if model.dynamics is None else model.dynamics.lag_s(s.sample_time)
+    numbers = settings.numbers(s)
     x, y, rate = s.input_unit, s.output_unit, settings.rate_limit or 0.0
     return [
         Variable("reference", "input", s.y_centre, y, "Wanted output of the actuator"),
@@ -71,7 +71,7 @@ def variables(model: HysteresisCreepModel, settings: ExportSettings) -> list[Var
         ),
         Variable("measured", "input", s.y_centre, y, "Output that the last drive produced, for the integral action"),
         Variable("integral_gain", "parameter", settings.integral_gain, "1/s", "Of the integral action, 0 for none"),
-        Variable("lag", "local", lag_s, "s", "Time by which the output lags a slow reference"),
+        Variable("lag", "local", model.lag_s, "s", "Time by which the output lags a slow reference"),
     ]
 
 

@@ -65,11 +65,6 @@ class LiveSettings:
         """Longest time from a sample to the next, and longest silence of the sensor: samples are a period apart."""
         return self.declared.timeout_s + 1.0 / self.rate
 
-    @property
-    def lag_s(self) -> float:
-        """Time by which the output lags a slow reference, since the dynamics of the first model are inverted."""
-        return 0.0 if self.model.dynamics is None else self.model.dynamics.lag_s(1.0 / self.rate)
-
     def compensator(self) -> Compensator | SelfLearningCompensator:
         """The compensator, with its actuator at rest; SettingsError if no compensator can have these settings."""
         options: dict[str, Any] = {
@@ -90,13 +85,13 @@ class LiveSettings:
         """The errors of the last of these samples of a board against the reference, late by the lag, and their RMS in a
         sentence, which is empty if nothing was measured."""
         k = np.arange(len(samples))
-        late = np.interp(k - self.lag_s * self.rate, k, samples[:, 1]) if k.size else samples[:, 1]
+        late = np.interp(k - self.model.lag_s * self.rate, k, samples[:, 1]) if k.size else samples[:, 1]
         errors = (samples[:, 3] - late)[-last:]
         known = errors[np.isfinite(errors)]
         if not known.size:
             return errors, ""
         rms = quantity(math.sqrt(np.mean(known**2)), self.declared.output_unit, 3)
-        after_lag = " after the lag" * (self.lag_s > 0.0)
+        after_lag = " after the lag" * (self.model.lag_s > 0.0)
         return errors, f"Tracking error{after_lag} over the last {errors.size / self.rate:.3g} s: {rms} RMS."
 
     def out_of_reach(self) -> str:

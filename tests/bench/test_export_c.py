@@ -379,7 +379,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     model.save(folder / "model.json")
     for name, solver, lane, mode in (
-        ("deployed", "recursive_active_set", "kernel", "continuous"),
+        ("deployed", "box_active_set", "kernel", "continuous"),
         ("exact", "box_active_set", "kernel", "cyclic"),
         ("daqp", "daqp", "direct", "cyclic"),
     ):
