@@ -5,8 +5,9 @@ If the model has dynamics, the reference passes their causal inverse first (`pre
 ring; the output then lags the reference by :attr:`Compensator.lag_s`. Integral action works on the difference between
 the output and the reference model, and is added to the reference before the inverse.
 
-Its state are the operator states of the *model*, H and K, advanced by the drive after saturation and rate limit, which
-the actuator receives. For any reference, NaN and infinity included, the drive is finite and inside its limits.
+Its state consists of the operator states of the *model*, H and K, advanced by the drive after saturation and rate
+limit, which the actuator receives. For any reference, NaN and infinity included, the drive is finite and inside its
+limits.
 """
 
 import math

@@ -26,7 +26,7 @@ STATES = 8 + TAPS
 
 
 class Prefilter:
-    """Constants of the core for dynamics at a sampling period; none without dynamics."""
+    """Constants of the core for dynamics at a sampling period; empty without dynamics."""
 
     def __init__(self, dynamics: Dynamics | None, sample_time: float) -> None:
         self.modes = self.ring = 0

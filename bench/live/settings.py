@@ -54,7 +54,7 @@ class LiveSettings:
     reference: Vector
     """Samples in the output unit, repeated. Shape (N,)."""
     words: str
-    """What the reference is."""
+    """Description of the reference."""
     rate: float
     seconds: float
     command: int = field(default_factory=os.getpid)
@@ -190,5 +190,5 @@ REFERENCES: Mapping[str, Callable[..., tuple[Vector, str]]] = {
     "--sine": sine,
     "--set-point": set_point,
 }
-"""What makes samples of a reference, and its words, of an option's value, the unit and the range of the output, and the
-sampling time."""
+"""By option, the function of its value, unit and range of the output, and sampling time that returns the samples of a
+reference and their description."""

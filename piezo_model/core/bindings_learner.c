@@ -138,7 +138,7 @@ static void begin_next(const Loop *loop)
 }
 
 /* Observe a sample, of the present drive, or of the drive *x with which no other one begins the next block, and learn
- * from a full block; what there is to tell, for which Python takes the states from the next block. */
+ * from a full block; the events for Python, which takes the states from the next block. */
 static int observe(const Loop *loop, const double *x, double y)
 {
     const DriveSettings *const p = loop->controller.compensator.settings;
@@ -200,12 +200,11 @@ static int64_t process(const Loop *loop, int64_t samples, const double *y, const
     F(learner_restore, "state@LEAR, other@", "become what another learner was.", 0, restore(&a, MEMORY(0), MEMORY(1))) \
     F(learner_refuse, "state@LEAR", "count a refusal, and begin a cycle anew.", 0, learner_refuse(LEARNER, 0))         \
     F(learner_step, "state@LEAR, compensator@COM2, y_ref, y_measured_before, observes#0:1",                            \
-      "observe and drive; (drive, what there is to tell).", 0,                                                         \
-      OBJECT_RESULT = step(LOOP, NUMBER(2), NUMBER(3), INT(4)))                                                        \
+      "observe and drive; (drive, events).", 0, OBJECT_RESULT = step(LOOP, NUMBER(2), NUMBER(3), INT(4)))              \
     F(learner_drive, "state@LEAR, compensator@COM2, y_ref[n], x[n]=", "drives until weights may be due.",              \
       SAMPLES_LAST, drive(LOOP, LENGTH(n), REALS(2), REALS(3)))                                                        \
     F(learner_observe, "state@LEAR, compensator@COM2, y[n], x[n], first#0:n, events[1]q=",                             \
-      "learn until there is something to tell; samples done.", LENGTH(n) - WHOLE(4) > 20,                              \
+      "learn until there are events; samples done.", LENGTH(n) - WHOLE(4) > 20,                                        \
       WHOLE_RESULT = process(LOOP, LENGTH(n), REALS(2), NULL, REALS(3), WHOLE(4), WHOLES(5)))                          \
     F(learner_replay, "state@LEAR, compensator@COM2, y[n], y_ref[n], x[n]=, first#0:n, events[1]q=",                   \
       "the same, each drive after what is learned; the first only drives if there are events at the start.",           \

@@ -1,4 +1,4 @@
-/* What the bindings of this package share. */
+/* Macros that the bindings of this package share. */
 #ifndef CORE_BINDINGS_MODEL_H
 #define CORE_BINDINGS_MODEL_H
 
@@ -32,7 +32,7 @@ static inline int all_bounded(const real *v, int64_t count)
     return sum == 0;
 }
 
-/* What Python fills in of regressors `p` of a shape. */
+/* Fields of regressors `p` of a shape that Python fills in. */
 #define REGRESSOR_PARTS(p, s)                                                                                          \
     {"r", (p)->operators.r, lanes(s)}, {"a", (p)->operators.a, (s).rates}, {"low", (p)->low, zone_lanes(s)},           \
         {"high", (p)->high, zone_lanes(s)}, {"outer_low", (p)->outer_low, zone_lanes(s)},                              \

@@ -7,7 +7,7 @@
 
 #define FARTHEST ((real)1e6) /* limit of references in half ranges, so that no sum overflows */
 
-/* What creep adds to the next output, before S. */
+/* Contribution of creep to the next output, before S. */
 static num creep_sum(const Compensator *c)
 {
     const int k = play_vectors(c->shape);

@@ -4,9 +4,9 @@
  *
  * With dynamics y_r first passes their inverse (prefilter.h).
  *
- * Its state are the operator states of the model, H and K, advanced by the drive after saturation and rate limit, which
- * the actuator receives. The states of H^-1 follow from them at every sample. For any reference, NaN and infinity
- * included, the drive is finite and inside its limits.
+ * Its state consists of the operator states of the model, H and K, advanced by the drive after saturation and rate
+ * limit, which the actuator receives. The states of H^-1 follow from them at every sample. For any reference, NaN and
+ * infinity included, the drive is finite and inside its limits.
  *
  * Source: the paper's equation (8); K. Kuhnen, European Journal of Control 9 (2003) 407-418.
  */

@@ -106,12 +106,12 @@ typedef struct {
     num *rows, *play, *creep;
     Inverse inverse;
     real *P, *q, *lb, *ub, *start; /* the program of one learner */
-    real *noise;                   /* what noise adds to the diagonal of P */
+    real *noise;                   /* contribution of noise to the diagonal of P */
     void *solver;                  /* the state of box.h */
 } Workspace;
 
 #ifndef CORE_TILE
-/* What cyclic operation has beside: see cyclic.c. */
+/* State of cyclic operation alone: see cyclic.c. */
 typedef struct {
     num *reference, *learned;      /* unknowns in use when learning began, and those that it ends with */
     num *start_play, *start_creep; /* operator states at the first sample of the building phase */
@@ -169,7 +169,7 @@ CORE_INLINE void span_widen(num *span, const num *by, num which)
     }
 }
 
-/* Of what is learned from: the Gram matrix, and what noise adds to it. */
+/* Size of the data: the Gram matrix, and the contribution of noise to it. */
 CORE_INLINE int data_nums(Shape s) { return symmetric_nums(unknowns(s) + 1) + NUMS(s.zones) + NUMS(NOISE); }
 CORE_INLINE int learner_nums(Shape s)
 {
@@ -214,7 +214,7 @@ CORE_INLINE Workspace workspace_of(const Learner *l)
 /* Lay out what a learner has for itself, and its two checkpoints. */
 CORE_API void N(learner_lay_out)(Learner *l, Arena *own, Arena *checkpoints);
 
-/* Learn from the next block, if there is one; what came of it. */
+/* Learn from the next block, if there is one; its events. */
 CORE_API int N(learner_learn)(const Learner *l);
 /* Forget the direction of the output. */
 CORE_API void N(learner_forget_direction)(LearnerMemory *m, num which);
@@ -225,13 +225,13 @@ CORE_API void N(learner_begin_anew)(const Learner *l, num which, num level);
 CORE_API int N(learner_offer)(const Learner *l, const num *v, num which, num fallback, int64_t due);
 /* The variance of the sensor's noise. */
 CORE_API num N(noise_variance)(const Learner *l);
-/* Sum the squared errors of the weights in use and the candidate over the rows of a block, less what noise adds. */
+/* Sum the squared errors of the weights in use and the candidate over the rows of a block, less those of noise. */
 CORE_API void N(noise_judge)(const Learner *l, const Block *block, BlockSummary *b);
 /* Add the samples of a judged block where it `learns`. */
 CORE_API void N(noise_add)(const Learner *l, const Block *block, num learns);
-/* Subtract from the program of one lane what noise adds to it. */
+/* Subtract the contribution of noise from the program of one lane. */
 CORE_API void N(noise_subtract)(const Learner *l, const Workspace *w, int lane);
-/* What the two ways make of a block, and the optimum of an interval. */
+/* Learn from a block in either mode; find the optimum of an interval. */
 CORE_API int N(continuous_block)(const Learner *l, const Block *block, const BlockSummary *b);
 CORE_API int N(learner_optimum)(const Learner *l, num which);
 /* Write that program of one lane to the work space. */

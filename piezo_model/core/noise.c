@@ -1,4 +1,4 @@
-/* What the noise of the sensor adds to the sums of the learner, and its subtraction.
+/* The contribution of the sensor's noise to the sums of the learner, and its subtraction.
  *
  * Let y = eta + e with white noise e of variance sigma^2. Of a row, only the slopes' columns -S(y) depend on y, and of
  * these only that of the piece p of S^-1 in which y lies, with the derivative -1. So Xi(y) = Xi(eta) - e e_p with the
