@@ -329,7 +329,7 @@ class CompensatorBank(Stateful):
         nothing is learned."""
         y_ref = reals("y_ref", y_ref)
         y = np.full(y_ref.shape, math.nan) if y_measured_before is None else y_measured_before
-        y_ref, y = checks.columns(len(self), y_ref=y_ref, y_measured_before=y)
+        y_ref, y = checks.vectors(len(self), y_ref=y_ref, y_measured_before=y)
         if not self._in_order:
             spread = np.full((2, len(y), self._tiles * LANES), math.nan)
             spread[:, :, self._slots] = y_ref, y

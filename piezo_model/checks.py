@@ -1,7 +1,7 @@
 """Checks of arguments that many functions share; each raises a ValueError that names the argument."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from piezo_model.json_file import LARGEST, brief
-from solvers.arrays import Matrix, Vector, reals
+from solvers.arrays import Matrix, reals
 
 
 def require(valid: Callable[[Any], Any], what: str, /, **arguments: Any) -> None:
@@ -95,21 +95,13 @@ def ascending(**arguments: tuple[float, float]) -> None:
     )
 
 
-def vectors(**arguments: ArrayLike) -> list[Vector]:
-    """The arguments as arrays (N,) of doubles; require vectors of real numbers with the same length."""
-    what = "vectors of the same length" if len(arguments) > 1 else "a vector, such as [1.0, 2.0] or one column"
-    return _arrays((), what, arguments)
-
-
-def columns(count: int, **arguments: ArrayLike) -> list[Matrix]:
-    """The arguments as arrays (N, count) of doubles; require the same shape."""
-    return _arrays((count,), f"of shape (N, {count})", arguments)
-
-
-def _arrays(row: tuple[int, ...], what: str, arguments: Mapping[str, ArrayLike]) -> list[Matrix]:
+def vectors(count: int | None = None, /, **arguments: ArrayLike) -> list[Matrix]:
+    """The arguments as arrays (N,), or (N, count), of doubles; require real numbers, and the same shape."""
     arrays = [reals(name, values) for name, values in arguments.items()]
-    shapes = [array.shape for array in arrays]
+    shapes, row = [array.shape for array in arrays], () if count is None else (count,)
     if not shapes[0] or shapes[0][1:] != row or len(set(shapes)) > 1:
+        one_vector = "a vector, such as [1.0, 2.0] or one column"
+        what = f"of shape (N, {count})" if row else "vectors of the same length" if shapes[1:] else one_vector
         raise ValueError(
             f"{' and '.join(arguments)} must be {what}, not of shape{'s' * (len(shapes) > 1)} "
             f"{' and '.join(map(str, shapes))}"

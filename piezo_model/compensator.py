@@ -26,12 +26,11 @@ from piezo_model.prefilter import Prefilter
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Matrix, Vector, reals
 
-LIMITS = slice(0, 4)
-"""Entries of the drive's memory (``DriveMemory`` in ``core/compensator.h``): its limits, in the input unit and
-in normalised units."""
 BUMP, LAST_Y_REF, CORRECTION, TARGET = range(4, 8)
-"""Its other entries: the transfer bump, added to the drive since the last change of weights; the last finite reference;
-the correction of integral action; and what the output is compared with. Two follow that the core alone uses."""
+"""Entries of the drive's memory (``DriveMemory`` in ``core/compensator.h``), behind its limits in the input unit and in
+normalised units: the transfer bump, added to the drive since the last change of weights; the last finite reference; the
+correction of integral action; and the target, which the output is compared with. Two follow that the core alone uses.
+"""
 DECAY = 5
 """Entry of the drive's settings (``DriveSettings``): the factor by which a transfer bump decays for each sample."""
 
@@ -71,7 +70,7 @@ def drive_memory(s: ModelStructure, low: ArrayLike, high: ArrayLike) -> Matrix:
     """The core's initial ``DriveMemory`` for these limits: (10,), or (10, count) for limits (count,)."""
     low, high = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
     memory = np.zeros((10, *low.shape))
-    memory[LIMITS] = low, high, s.unit_input(low), s.unit_input(high)
+    memory[:BUMP] = low, high, s.unit_input(low), s.unit_input(high)
     memory[LAST_Y_REF], memory[TARGET] = s.y_centre, math.nan
     return memory
 
@@ -169,11 +168,6 @@ class Compensator(Stateful):
                 )
             values[:] = prefilter.with_states(filtered)
         self._model, self.prefilter, self._core = model, prefilter, core
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """The core's ``Shape`` with dynamics."""
-        return *self._model.structure.shape, self.prefilter.modes, self.prefilter.ring
 
     @property
     def lag_s(self) -> float:

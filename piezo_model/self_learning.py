@@ -31,8 +31,6 @@ from piezo_model.learning.events import MESSAGES, BlockEvent, Event, Phase, Verd
 from piezo_model.learning.settings import (
     CHECKPOINT_S,
     CLOCK,
-    CONTINUOUS,
-    CYCLIC,
     MEMORY,
     MIN_SLOPE,
     LearningSettings,
@@ -217,7 +215,7 @@ class SelfLearningCompensator(Stateful):
         self._last_x: float | None = None
         self._block, numbers = learner_numbers(s, settings)
         """Samples of a block."""
-        sizes = *compensator.shape, self._block, 1, CYCLIC if self._cyclic else CONTINUOUS
+        sizes = *s.shape, compensator.prefilter.modes, compensator.prefilter.ring, self._block, 1, numbers["mode"]
         self._core = State(bindings.learner_bytes(*sizes), lambda memory: bindings.learner_setup(memory, *sizes))
         write_settings(numbers, self._core["settings"])
         self._core["noise_gains"][:] = compensator.prefilter.noise_gains

@@ -153,20 +153,16 @@ class Loop:
     def next_drive(self, y_ref: float) -> float:
         """The drive that the compensator requests, which keeps the limits and began at rest, or rest as far as the rate
         limit allows."""
-        if self._board.state == State.FOLLOWING:
-            return self.compensate(y_ref)
+        follows = self._board.state == State.FOLLOWING
+        if follows and isinstance(self._compensator, SelfLearningCompensator):
+            return self._compensator.step(y_ref, self._y)
+        if follows and isinstance(self._compensator, Compensator):
+            self._compensator.correct(self._y)
+            return self._compensator.step(y_ref)
         declared, x = self._settings.declared, self._board.drive
         # a stage that does not answer may have taken the last drive, or not
         step = 0.0 if self._failing_ns else declared.rate_limit / self._settings.rate
         return min(max(declared.rest, x - step), x + step)
-
-    def compensate(self, y_ref: float) -> float:
-        """The drive for a reference, within the limits, given the output that the last drive produced."""
-        if isinstance(self._compensator, SelfLearningCompensator):
-            return self._compensator.step(y_ref, self._y)
-        assert self._compensator is not None
-        self._compensator.correct(self._y)
-        return self._compensator.step(y_ref)
 
     def exchange(self, x: float) -> None:
         """Write the drive and read the output; a failure ends the run, and so does a silent sensor."""
