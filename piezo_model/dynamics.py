@@ -288,9 +288,9 @@ def delayed(dynamics: Dynamics | None, delay_s: float) -> Dynamics | None:
 class KnownDynamics:
     """What is known of a stage: the dynamics of its model, those that the model leaves out, and the sensor's delay."""
 
-    dynamics: Dynamics | None = None
-    left_out: Dynamics | None = None
-    sensor_delay_s: Number = 0.0
+    dynamics: Dynamics | None
+    left_out: Dynamics | None
+    sensor_delay_s: Number
 
 
 class Stream:

@@ -4,7 +4,7 @@ loop is closed, also where the model is without it."""
 
 from collections.abc import Callable, Iterator
 from copy import deepcopy
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial, reduce
 from pathlib import Path
 from typing import Any
@@ -184,7 +184,7 @@ CONTRADICTED: dict[str, tuple[tuple[tuple[Any, ...], Any], ...]] = {
         (("slots",), np.zeros(2, np.int64)),
         (("slots",), [0, 1]),
         (("core",), None),
-        (("dynamics",), [{"dynamics": SHAKY.dynamics.to_dict()}] * 2),
+        (("dynamics",), [asdict(SHAKY.known_dynamics)] * 2),
         (("dynamics",), np.ones((2, 3))),
         (("dynamics",), [None]),
     ),
