@@ -1,13 +1,12 @@
-"""The accesses of a race to its store, in a process that kills itself before the n-th of them.
+"""What a kill would leave on disk of a race's store, before each of its steps.
 
-A step is an event of Python's audit hook (open, mkdir, rename, remove, chmod, …) with a path of the run.
+A step is an event of Python's audit hook (open, mkdir, rename, remove, chmod, …) with a path of the run. A killed
+process leaves its folder as it is then, so that a copy of the folder stands for it, however busy the machine is.
 """
 
-import os
-import signal
+import shutil
 import sys
 from dataclasses import replace
-from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -21,21 +20,8 @@ from solvers.protocol import Lane
 TASKS = [Task("set", f"problem{i}", "scaled", "daqp", Lane.DIRECT, NO_SETTING, d=18) for i in range(2)]
 
 
-def kill_before_step(n: int, folder: Path) -> None:
-    """Kill this process before its n-th step in the folder."""
-    steps = count()
-
-    def hook(event: str, arguments: tuple[Any, ...]) -> None:
-        if any(str(argument).startswith(str(folder)) for argument in arguments) and next(steps) == n:
-            os.kill(os.getpid(), signal.SIGKILL)
-
-    sys.addaudithook(hook)
-
-
-def carry_on(folder: Path, settings: dict[str, Any], killed_at: int | None = None) -> None:
-    """Start or resume a run, and finish it unless the process is killed."""
-    if killed_at is not None:
-        kill_before_step(killed_at, folder)
+def carry_on(folder: Path, settings: dict[str, Any]) -> None:
+    """Start or resume a run, and finish it."""
     try:
         run = Run.open(folder / "run")
     except RunError:
@@ -53,3 +39,21 @@ def carry_on(folder: Path, settings: dict[str, Any], killed_at: int | None = Non
                             part.save(complete(**known), {"solve": np.arange(3)})
                     part.finish({})
         run.finish()
+
+
+def stop_before_each_step(whole: Path, copies: Path, settings: dict[str, Any]) -> None:
+    """Finish a run, with a copy of its folder as it was before each step, and then every copy; in a process of its own,
+    which keeps the hook."""
+    copying = False
+
+    def hook(event: str, arguments: tuple[Any, ...]) -> None:
+        nonlocal copying
+        if not copying and any(str(argument).startswith(str(whole)) for argument in arguments):
+            copying = True
+            shutil.copytree(whole, copies / str(len(list(copies.iterdir()))))
+            copying = False
+
+    sys.addaudithook(hook)
+    carry_on(whole, settings)
+    for folder in copies.iterdir():
+        carry_on(folder, settings)

@@ -5,13 +5,14 @@ from pathlib import Path
 
 import faulty_solvers
 import numpy as np
+import pandas as pd
 import pytest
 from command_line import CommandLine
 from measured_rows import NAN, ladder, row, table
 from qpsolvers import Problem
 from small_races import Race, raced
 
-from bench.messages.task import NO_SETTING, ChildSettings, Row, Status, Task, settings_ladder
+from bench.messages.task import NO_SETTING, Row, Status, Task, settings_ladder
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild
@@ -76,41 +77,49 @@ def test_solvers_that_use_a_start_have_warm_rows_and_the_others_none(drift_race:
     assert "in 2 fresh processes" in report
 
 
-def test_solvers_near_the_fastest_of_a_lane_and_the_floor_have_three_thousand_timed_calls(
+def test_solvers_near_the_fastest_of_a_lane_and_the_floor_are_timed_longer_and_the_floor_in_three_thousand_calls(
     drift_race: Race, clean_race: Race
 ) -> None:
     for race in (drift_race, clean_race):
         longer = race.rows[race.rows.timed == "long"]
-        assert (longer.groupby(["scaling", "solver", "lane", "setting"]).samples.sum() >= 3000).all()
         lanes = set(race.rows[race.rows.lane != "qpsolvers"].lane)
         assert set(longer[longer.solver != "null"].lane) == lanes
-        assert set(longer[longer.solver == "null"].scaling) == set(race.rows.scaling)
+        floor = longer[longer.solver == "null"]
+        assert set(floor.scaling) == set(race.rows.scaling)
+        assert (floor.groupby(["scaling", "lane"]).samples.sum() >= 3000).all()
 
 
-def test_a_solver_that_can_start_warm_is_interleaved_cold_and_warm_at_one_setting(drift_race: Race) -> None:
-    rows = drift_race.rows[drift_race.rows.solver.isin(["daqp", "box_active_set"])]
-    at = rows[rows.timed == "interleaved"]
-    assert at.groupby("start").size().to_dict() == {"cold": 2 * 2 * 4, "warm": 2 * 2 * 4}  # repeats, problems, lanes
-    assert (at.groupby(["solver", "lane"]).setting.nunique() == 1).all()
-    assert at.answer_us.notna().all()
+def assert_interleaved_as_planned(race: Race) -> pd.DataFrame:
+    """The interleaved rows: those that the plan makes of the first pass, whatever a busy machine made slow."""
+    rows = race.rows[race.rows.timed == "interleaved"]
+    plan = planned(race.hot[race.hot.start == "cold"], 3000)
+    lanes = ["scaling", "solver", "lane", "setting"]
+    assert {*rows[lanes].itertuples(index=False)} == {*plan[plan.interleaved][lanes].itertuples(index=False)}
+    assert (rows.samples == 8).all()
+    assert rows.solve_us_p99.isna().all()  # eight calls cannot support it
+    assert (rows[rows.solver != "null"].judged > 0).all()
+    assert rows.answer_us.notna().all()
+    return rows
+
+
+def test_quick_solvers_are_interleaved_in_every_round_at_one_setting_each(clean_race: Race) -> None:
+    assert set(assert_interleaved_as_planned(clean_race).start) == {"cold"}
+
+
+def test_a_solver_that_can_start_warm_is_interleaved_cold_and_warm(drift_race: Race) -> None:
+    rows = assert_interleaved_as_planned(drift_race)
+    warm = rows.solver.isin(["daqp", "osqp", "box_active_set"])
+    starts = rows.groupby(["solver", "lane"]).start.value_counts().unstack(fill_value=0)
+    assert set(rows.solver[rows.start == "warm"]) == set(rows.solver[warm])
+    assert (starts.cold == starts.warm)[starts.warm > 0].all()
 
 
 def test_each_repeat_has_processes_of_its_own(drift_race: Race) -> None:
     pids = (drift_race.run.path.parent / "says_who.py.pids").read_text().split()
-    assert len(set(pids)) == 2 * 2  # repeats, passes
+    rows = drift_race.rows[drift_race.rows.solver == "says_who"]
+    passes = rows.assign(second=rows.timed != "hot")[["repeat", "second"]].drop_duplicates()
+    assert len(set(pids)) == len(passes) >= 2
     assert pids == sorted(pids, key=[*dict.fromkeys(pids)].index)  # and none is gone back to
-
-
-def test_quick_solvers_are_interleaved_in_every_round_at_one_setting_each(clean_race: Race) -> None:
-    rows = clean_race.rows[clean_race.rows.timed == "interleaved"]
-    assert (rows.samples == 8).all()
-    assert rows.solve_us_p99.isna().all()  # eight calls cannot support it
-    lanes = ["scaling", "solver"]
-    assert (rows.groupby(lanes).setting.nunique() == 1).all()
-    hot = clean_race.hot.merge(rows[[*lanes, "setting"]], on=[*lanes, "setting"])
-    assert len(hot) == len(rows) >= 5
-    assert hot.answer_us.max() <= LONGEST_INTERLEAVED_US
-    assert (rows[rows.solver != "null"].judged > 0).all()
 
 
 def test_no_row_is_rewritten_and_a_longer_measurement_is_a_row_of_its_own(clean_race: Race) -> None:
@@ -146,10 +155,7 @@ def test_interleaved_solves_are_in_the_order_of_the_seed_and_a_solver_that_fails
     orders = []
     for seed in ("a", "a", "b"):
         (tmp_path / "order").write_text("")
-        children = {
-            (entry.name, entry.lane): SolverChild(entry, ChildSettings(time_limit_s=5.0))
-            for entry in map(from_file, files)
-        }
+        children = {(entry.name, entry.lane): SolverChild(entry) for entry in map(from_file, files)}
         tasks = [Task("none", "none", "scaled", name, Lane(lane), NO_SETTING) for name, lane in children]
         times = interleave(tasks, children, unit, FreshData(unit, 12), seed)
         orders.append((tmp_path / "order").read_text())

@@ -6,11 +6,9 @@
 import json
 import os
 import random
-import signal
 import subprocess
 import time
 from collections.abc import Callable, Iterator
-from itertools import count
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -90,33 +88,23 @@ def test_a_race_killed_at_random_moments_leaves_no_process_or_file_and_ends_like
         assert (run.path / name).is_file()
 
 
-@pytest.mark.slow
 def test_a_run_killed_at_any_step_on_disk_is_resumed_with_nothing_lost_or_twice(tmp_path: Path) -> None:
-    context = get_context("forkserver")
-    context.set_forkserver_preload(["killed_run"])
-
-    def exit_code(folder: Path, killed_at: int | None = None) -> int | None:
-        process = context.Process(target=killed_run.carry_on, args=(folder, SETTINGS, killed_at))
-        process.start()
-        process.join()
-        return process.exitcode
-
-    exit_code(tmp_path)
-    unbroken = Run(tmp_path / "run")
-    for n in count():
-        folder = tmp_path / str(n)
+    whole, copies = tmp_path / "whole", tmp_path / "copies"
+    for folder in (whole, copies):
         folder.mkdir()
-        ended = exit_code(folder, n)
-        assert ended in (0, -signal.SIGKILL), f"killed at step {n}"
-        assert exit_code(folder) == 0, f"killed at step {n}"
+    arguments = (whole, copies, SETTINGS)
+    process = get_context("spawn").Process(target=killed_run.stop_before_each_step, args=arguments)
+    process.start()
+    process.join()
+    unbroken = Run(whole / "run")
+    assert (process.exitcode, len(unbroken.rows())) == (0, 4)
+    folders = list(copies.iterdir())
+    assert len(folders) > 30
+    for folder in folders:
         run = Run(folder / "run")
-        assert run.settings == unbroken.settings, f"killed at step {n}"
+        assert run.settings == unbroken.settings, f"killed at step {folder.name}"
         pd.testing.assert_frame_equal(run.rows(), unbroken.rows())
-        assert visible(run) == visible(unbroken), f"killed at step {n}"
-        if ended == 0:
-            break
-    assert n > 30
-    assert len(unbroken.rows()) == 4
+        assert visible(run) == visible(unbroken), f"killed at step {folder.name}"
 
 
 def visible(run: Run) -> list[Path]:
