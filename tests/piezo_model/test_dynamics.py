@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -124,8 +125,9 @@ def test_each_part_of_a_recording_begins_in_balance() -> None:
     assert model.validate(recording).fit.rms_percent < 0.05 < model.static.validate(recording).fit.rms_percent
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("drive", ["triangles", "steps"])
+@pytest.mark.parametrize("seed", range(3))
 def test_parts_that_begin_while_the_stage_moves_or_rings_are_described_to_their_noise(drive: str, seed: int) -> None:
     rng, t = np.random.default_rng(seed), T * np.arange(36_000)
     x = steps(t.size, seed)
@@ -216,6 +218,7 @@ def test_a_known_resonance_is_fitted_with_the_weights() -> None:
         assert getattr(fit.dynamics, name) == pytest.approx(value, rel=1e-3)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("seed", range(2))
 def test_a_recording_of_ten_thousand_times_the_period_gives_the_same_model(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -255,7 +258,8 @@ def test_parts_of_a_signal_are_refused_for_a_model_with_dynamics() -> None:
 
 SIZE = 40_000
 PLANTS = ("maxwell_slip", "relay_preisach", "bouc_wen", "duhem", "dense_prandtl_ishlinskii")
-MODE = [(500.0, 0.01, 1.0)]
+Modes = tuple[tuple[float, float, float], ...]
+MODE: Modes = ((500.0, 0.01, 1.0),)
 DELAY_S = 1.3125 * T
 
 
@@ -297,7 +301,7 @@ DRIVES: dict[str, Callable[[int, int], np.ndarray]] = {
 def made(
     kind: str,
     drive: str,
-    modes: list[tuple[float, float, float]],
+    modes: Modes,
     noise_um: float = 0.02,
     seed: int = 31,
     size: int = SIZE,
@@ -306,11 +310,16 @@ def made(
     return Recording.from_arrays(x, recorded(kind, x, modes, DELAY_S, noise_um, seed + 1), T)
 
 
+@cache
+def identified(kind: str, drive: str, modes: Modes = MODE) -> HysteresisCreepModel:
+    return identify(made(kind, drive, modes))
+
+
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("drive", ["steps", "binary", "sweep"])
 @pytest.mark.parametrize("kind", PLANTS[:2])
 def test_a_resonance_is_in_the_model_and_predicts_steps_that_it_has_not_seen(kind: str, drive: str) -> None:
-    model = identify(made(kind, drive, MODE))
+    model = identified(kind, drive)
     assert model.dynamics is not None
     assert model.dynamics.frequencies_Hz[0] == pytest.approx(500.0, rel=2e-3)
     assert model.dynamics.damping[0] == pytest.approx(0.01, rel=0.1)
@@ -336,6 +345,7 @@ def test_sixteen_hundred_samples_of_steps_determine_a_resonance(kind: str) -> No
     assert model.report["fit"]["max_percent"] < 1.0
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("drive", ["triangle", "sweep"])
 def test_a_stage_of_the_given_structure_has_its_frequency_damping_and_delay(drive: str) -> None:
     s = ModelStructure.equidistant(5, 3, (0.0, 150.0), (-20.0, 20.0), (100.0, 10.0, 1.0), T, offset=True)
@@ -350,12 +360,13 @@ def test_a_stage_of_the_given_structure_has_its_frequency_damping_and_delay(driv
     assert found.delay_s == pytest.approx(DELAY_S, abs=0.05 * T)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("seed", [3, 15])
 def test_a_ringing_stage_has_the_creep_that_it_would_have_without_ringing(seed: int) -> None:
     x = steps(SIZE, seed)
     behind, plain = (
         identify(Recording.from_arrays(x, recorded("relay_preisach", x, *ringing, 0.02, seed), T))
-        for ringing in ((MODE, DELAY_S), ([], 0.0))
+        for ringing in ((MODE, DELAY_S), ((), 0.0))
     )
     assert behind.structure.creep_rates == plain.structure.creep_rates != ()
     assert behind.report["creep"]["share"] == pytest.approx(plain.report["creep"]["share"], abs=0.05)
@@ -366,16 +377,16 @@ def test_a_ringing_stage_has_the_creep_that_it_would_have_without_ringing(seed: 
     ("kind", "modes_of_stage", "tolerances", "delay"),
     [
         ("maxwell_slip", MODE, (1e-3, 0.03, 1e-9), 0.05),
-        ("maxwell_slip", [(300.0, 0.01, 0.8), (900.0, 0.02, 0.2)], (2e-3, 0.1, 0.05), 0.1),
-        ("relay_preisach", [(300.0, 0.01, 0.8), (900.0, 0.02, 0.15)], (0.05, 0.05, 0.05), 0.5),
-        ("relay_preisach", [(120.0, 0.05, 0.9)], (0.05, 0.05, 0.05), 0.5),
+        ("maxwell_slip", ((300.0, 0.01, 0.8), (900.0, 0.02, 0.2)), (2e-3, 0.1, 0.05), 0.1),
+        ("relay_preisach", ((300.0, 0.01, 0.8), (900.0, 0.02, 0.15)), (0.05, 0.05, 0.05), 0.5),
+        ("relay_preisach", ((120.0, 0.05, 0.9),), (0.05, 0.05, 0.05), 0.5),
     ],
     ids=["one mode", "two modes", "two modes and residual compliance", "residual compliance"],
 )
 def test_steps_determine_the_modes_the_residual_compliance_and_the_delay(
-    kind: str, modes_of_stage: list[tuple[float, float, float]], tolerances: tuple[float, ...], delay: float
+    kind: str, modes_of_stage: Modes, tolerances: tuple[float, ...], delay: float
 ) -> None:
-    g = identify(made(kind, "steps", modes_of_stage)).dynamics
+    g = identified(kind, "steps", modes_of_stage).dynamics
     assert g is not None
     found, true = np.array(modes(g)), np.array(modes_of_stage)
     assert found.shape == true.shape
@@ -389,7 +400,7 @@ def test_steps_determine_the_modes_the_residual_compliance_and_the_delay(
     [(kind, drive, (0.002, 0.02, 0.2)[(i + j) % 3]) for i, kind in enumerate(PLANTS) for j, drive in enumerate(DRIVES)],
 )
 def test_no_resonance_is_found_where_there_is_none(kind: str, drive: str, noise_um: float) -> None:
-    model = identify(made(kind, drive, [], noise_um), n=5, m=3, force=True)
+    model = identify(made(kind, drive, (), noise_um, size=SIZE // 2), n=5, m=3, force=True)
     assert model.dynamics is None or not model.dynamics.frequencies_Hz
     assert not any("resonance" in sentence for sentence in model.report["sentences"])
 
@@ -411,8 +422,9 @@ def moving(hardening: float, kind: str = "maxwell_slip", *, with_position: bool 
     return Recording.from_arrays(x, y + 0.02 * np.random.default_rng(9).standard_normal(y.size), T)
 
 
-@pytest.mark.parametrize("kind", ["maxwell_slip", "duhem"])
+@pytest.mark.sample(3)
 @pytest.mark.parametrize(("hardening", "with_position"), [(0.05, False), (-0.05, False), (0.05, True)])
+@pytest.mark.parametrize("kind", ["maxwell_slip", "duhem"])
 def test_a_resonance_that_moves_with_amplitude_or_position_is_refused_with_its_frequencies(
     kind: str, hardening: float, with_position: bool
 ) -> None:
@@ -438,10 +450,11 @@ def test_a_resonance_that_hardly_moves_is_kept_and_said_to_and_one_that_does_not
     assert still.dynamics.frequencies_Hz[0] == pytest.approx(500.0, rel=1e-3)
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("damping", [0.3, 0.7])
 @pytest.mark.parametrize("drive", ["steps", "sweep"])
 def test_a_strongly_damped_mode_is_in_the_model(drive: str, damping: float) -> None:
-    model = identify(made("maxwell_slip", drive, [(180.0, damping, 1.0)], size=SIZE // 2), n=5, m=3)
+    model = identify(made("maxwell_slip", drive, ((180.0, damping, 1.0),), size=SIZE // 2), n=5, m=3)
     assert model.dynamics.frequencies_Hz[0] == pytest.approx(180.0, rel=0.03)
     assert model.dynamics.damping[0] == pytest.approx(damping, rel=0.05)
     assert model.report["fit"]["rms_percent"] < 0.3
@@ -449,9 +462,10 @@ def test_a_strongly_damped_mode_is_in_the_model(drive: str, damping: float) -> N
 
 def with_three_modes(drive: str, gains: tuple[float, float, float], noise_um: float) -> Recording:
     three = zip((180.0, 430.0, 800.0), (0.01, 0.01, 0.02), gains, strict=True)
-    return made("maxwell_slip", drive, list(three), noise_um, size=SIZE // 2)
+    return made("maxwell_slip", drive, tuple(three), noise_um, size=SIZE // 2)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("drive", "gains"), [("steps", (0.6, 0.25, 0.15)), ("binary", (0.5, 0.25, 0.25))])
 def test_a_third_resonance_in_the_driven_band_is_refused_with_its_frequency(
     drive: str, gains: tuple[float, float, float]
@@ -467,7 +481,7 @@ def test_a_third_resonance_that_rings_little_is_said_to_be_left_out() -> None:
 
 
 def test_all_findings_about_a_stage_that_falls_and_rings_twice_are_said_first() -> None:
-    rising = made("maxwell_slip", "steps", [(120.0, 0.03, 0.8), (900.0, 0.01, 0.2)], size=SIZE // 2)
+    rising = made("maxwell_slip", "steps", ((120.0, 0.03, 0.8), (900.0, 0.01, 0.2)), size=SIZE // 2)
     findings = identify(replace(rising, y=-rising.y), n=5, m=3).report["findings"]
     begins = (
         "The output falls",
@@ -479,14 +493,14 @@ def test_all_findings_about_a_stage_that_falls_and_rings_twice_are_said_first() 
 
 
 def test_figures_have_no_intervals_where_the_model_leaves_a_ringing_that_hardly_dies_away() -> None:
-    model = identify(made("relay_preisach", "sweep", [(827.4, 0.0059, 1.0)], 0.02, seed=31))
+    model = identify(made("relay_preisach", "sweep", ((827.4, 0.0059, 1.0),), 0.02, seed=31))
     assert model.report["intervals"] is None
     assert not any("intervals for these orders" in sentence for sentence in model.report["sentences"])
     assert any("A faint resonance near 828 Hz" in sentence for sentence in model.report["sentences"])
 
 
 def test_a_faint_resonance_is_named_with_what_to_record() -> None:
-    recording = made("relay_preisach", "triangle", [(300.0, 0.1, 1.0)], 0.05, size=SIZE // 8)
+    recording = made("relay_preisach", "triangle", ((300.0, 0.1, 1.0),), 0.05, size=SIZE // 8)
     model = identify(recording, force=True)
     assert model.dynamics.frequencies_Hz == ()  # a delay stands for it
     assert any("record steps of 20 ms to determine it" in sentence for sentence in model.report["findings"])
