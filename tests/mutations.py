@@ -2,8 +2,9 @@
 
     python tests/mutations.py [bench …]
 
-Each is made in a copy of the tree, where the test files of the package run until a test fails, those that name the
-mutated function or its file first. A mutation is caught, survives, or is undecided when the time is over.
+Each is made in a copy of the tree, where the test files of the package run until a test fails: those that name the
+mutated function first, then those that name its file, then the smallest. A mutation is caught, survives, or is
+undecided when its processor time is over.
 """
 
 import ast
@@ -11,6 +12,7 @@ import copy
 import os
 import random
 import re
+import resource
 import shutil
 import subprocess
 import sys
@@ -25,7 +27,7 @@ OPPOSITES: dict[type, type] = {ast.Lt: ast.LtE, ast.Gt: ast.GtE, ast.Eq: ast.Not
 OPPOSITES |= {ast.In: ast.NotIn, ast.And: ast.Or, ast.Add: ast.Sub, ast.Mult: ast.Div}
 OPPOSITES |= {other: one for one, other in OPPOSITES.items()}
 COUNT, SECONDS = 20, 300
-"""Mutations of each package, and the longest that the tests may take for one."""
+"""Mutations of each package, and the processor time of the tests for one; a test that hangs ends by itself."""
 Mutation = namedtuple("Mutation", "path function node text")
 """Another text for an expression or a statement of a function."""
 
@@ -71,16 +73,16 @@ def mutations(path: Path) -> list[Mutation]:
 
 def verdict(tree: Path, mutation: Mutation, folders: tuple[str, ...]) -> str:
     """What the tests in a copy of the tree say of a mutation."""
-    words = re.compile(rf"\b({mutation.function}|{mutation.path.stem})\b")
-    files = [path for folder in folders for path in sorted((tree / "tests" / folder).rglob("test_*.py"))]
-    files.sort(key=lambda path: words.search(path.read_text()) is None)
+    files = [path for folder in folders for path in (tree / "tests" / folder).rglob("test_*.py")]
+    named = [re.compile(rf"\b{word}\b") for word in (mutation.function, mutation.path.stem)]
+    files.sort(key=lambda path: ([not word.search(path.read_text()) for word in named], path.stat().st_size))
     path = tree / mutation.path.relative_to(ROOT)
     path.write_bytes(applied(mutation))
-    command = ["timeout", "-s", "KILL", str(SECONDS), sys.executable, "-m", "pytest", "-q", "-x", "-n0"]
     run = subprocess.run(
-        [*command, *map(str, files)],
+        [sys.executable, "-m", "pytest", "-q", "-x", "-n0", *map(str, files)],
         cwd=tree,
         env={**os.environ, "PYTHONPATH": str(tree)},
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS)),
         capture_output=True,
         text=True,
         check=False,

@@ -1,4 +1,5 @@
-"""Hypothesis strategies of hostile input, by kind; ``make fuzz`` runs them for FUZZ_SECONDS.
+"""Hypothesis strategies of hostile input, by kind; ``make fuzz`` runs them for FUZZ_SECONDS. ``test_border`` spoils
+every field of the files of models, learners and runs.
 
 A reader of a file returns its content or raises its own error with one sentence that names the file.
 """
@@ -11,7 +12,7 @@ import tempfile
 import time
 import warnings
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,7 +21,6 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 from exported_programs import build, write_sources
-from hostile_files import MODEL, STRUCTURE, TOKENS, WHOLE, places, spoiled
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 from program_files import draw, write_qps
@@ -35,11 +35,8 @@ from bench.export.settings import SOLVERS, ExportError, ExportSettings
 from bench.problem_files import ProblemFileError, read
 from bench.problems.protocol import RaceProblem
 from bench.processes.child_process import Child, LostError
-from bench.race_table import KEY, ROWS
-from bench.races.runs import open_run
 from bench.rendering import c_comment, c_string, markdown, terminal, xml
-from bench.store import Run, RunError
-from piezo_model import HysteresisCreepModel, ModelError, SelfLearningCompensator, StructureError
+from piezo_model import StructureError
 from piezo_model.json_file import decoded, packed, unpacked
 from piezo_model.recordings import Recording, RecordingError
 
@@ -57,30 +54,6 @@ def damaged(pick: Any, whole: bytes) -> bytes:
     for _ in range(pick(st.integers(1, 8))):
         data[pick(st.integers(0, len(data) - 1))] = pick(st.integers(0, 255))
     return bytes(data[: pick(st.just(len(data)) | st.integers(0, len(data)))])
-
-
-def documents(document: Mapping[str, Any]) -> st.SearchStrategy[bytes]:
-    """A JSON file with a wrong value at one place, a damaged one, or any other file."""
-    tokens = st.sampled_from(TOKENS) | (DOUBLES | st.integers() | st.text(max_size=20)).map(json.dumps)
-    one = st.builds(lambda at, token: spoiled(document, at, token)[0], st.sampled_from(list(places(document))), tokens)
-    return (
-        st.sampled_from(list(WHOLE.values())) | st.binary(max_size=200) | one | damaged(json.dumps(document).encode())
-    )
-
-
-def run_document() -> dict[str, Any]:
-    """Settings of the reference run, with one part of its conditions."""
-    document = json.loads((REFERENCE / "run.json").read_text())
-    document["conditions"]["parts"] = document["conditions"]["parts"][:1]
-    return document
-
-
-def learner_document() -> dict[str, Any]:
-    """A saved self-learning compensator in the middle of a cycle."""
-    learner = SelfLearningCompensator(STRUCTURE, reset_s=0.01, build_s=0.05, learn_s=0.01)
-    learner.run(2.0 + np.sin(np.arange(90) / 9.0), lambda x: 0.4 * x)
-    learner.save(FOLDER / "good.json")
-    return json.loads((FOLDER / "good.json").read_text())
 
 
 def table_bytes(table: pa.Table) -> bytes:
@@ -104,29 +77,6 @@ GOOD_CSV = "time_s,drive_V,y_um\n" + "".join(
     f"{t:.3f},{5 * math.sin(111 * t):.6f},{3 * math.sin(111 * t - 0.1):.6f}\n" for t in T
 )
 GOOD_PARQUET = table_bytes(pa.table({"time_s": T, "drive_V": np.sin(50 * T), "y_um": np.cos(50 * T)}))
-CELL_TYPES = (
-    st.none(),
-    st.booleans(),
-    st.integers(),
-    DOUBLES,
-    ANYTHING,
-    st.binary(max_size=5),
-    st.lists(st.integers(), max_size=3),
-    st.sampled_from(("daqp", "kernel", "{}")),
-)
-VALUES = st.one_of(*(st.lists(cells, min_size=3, max_size=3) for cells in CELL_TYPES))
-
-
-@st.composite
-def rows(pick: Any) -> bytes:
-    """Rows of the reference run with other values in one column."""
-    table = parquet.read_table(REFERENCE / "rows.parquet").slice(0, 3)
-    name = pick(st.sampled_from(ROWS.names))
-    try:
-        column = pa.array(pick(VALUES))
-    except (pa.ArrowException, UnicodeEncodeError, OverflowError):
-        column = pa.nulls(3)  # no table holds such values
-    return table_bytes(table.set_column(table.column_names.index(name), name, column))
 
 
 @st.composite
@@ -174,27 +124,7 @@ def read_in_child(path: Path) -> None:
             raise error
 
 
-(FOLDER / "run").mkdir()
 READERS = {
-    "model, JSON": Reader(
-        documents(MODEL.to_dict()),
-        "m.json",
-        lambda path: HysteresisCreepModel.load(path).simulate([0.0, 5.0]),
-        ModelError,
-    ),
-    "learner, JSON": Reader(
-        documents(learner_document()),
-        "learner.json",
-        lambda path: SelfLearningCompensator.load(path).step(0.0, 0.0),
-        ModelError,
-    ),
-    "run, JSON": Reader(documents(run_document()), "run/run.json", lambda path: open_run(path.parent), RunError),
-    "rows, Parquet": Reader(
-        rows(),
-        "run/rows.parquet",
-        lambda path: Run(path.parent)._table(path.name, ROWS, ("task", *KEY)),
-        RunError,
-    ),
     "program, NPZ": Reader(
         damaged(next((REFERENCE / "problems").glob("*.npz")).read_bytes()), "p.npz", RaceProblem.load, ProblemFileError
     ),

@@ -498,13 +498,6 @@ def test_an_unfinished_race_is_resumed_before_its_report_and_with_its_solver_fil
     assert "gone.py: is not a file" in refused(piezobench, tmp_path, "resume", "run", "--solver", "gone.py")
 
 
-def test_report_and_resume_of_a_finished_race_show_its_verdict(piezobench: CommandLine, clean_race: Race) -> None:
-    for verb in ("report", "resume"):
-        call = piezobench.quietly(verb, clean_race.run.path)
-        assert "solver lanes reach 1e-9 on the problem" in call.stdout
-        assert str(clean_race.run.path / "report.md") in call.stdout
-
-
 def test_a_race_whose_limit_cut_a_set_says_how_to_race_all_and_one_on_named_problems_does_not(
     piezobench: CommandLine, clean_race: Race, tmp_path: Path
 ) -> None:
@@ -539,21 +532,6 @@ def test_the_compensated_drive_follows_the_reference_better_than_a_straight_line
     assert drive.max() <= high
     error = (plant.run(drive) - wanted)[2000:]  # after the initial ramp from rest
     assert np.std(error) < 0.01 * np.ptp(wanted)
-
-
-def test_validate_judges_a_model_on_other_data(
-    piezobench: CommandLine, desk: Path, identified: None, tmp_path: Path
-) -> None:
-    x = np.loadtxt(desk / "stage.csv", delimiter=",", skiprows=1)[:3000, 1]
-    y = actuator().run(x[::-1]) + 2.0
-    write_table(
-        tmp_path / "other.csv", {"time_s": np.arange(x.size) * SAMPLE_TIME, "voltage_V": x[::-1], "displacement_um": y}
-    )
-    call = piezobench.quietly("validate", desk / "model.json", "other.csv", "--page", "other.html", folder=tmp_path)
-    assert "with this model on this recording" in call.stdout
-    assert "The output is shifted from that of the model by a constant " in call.stdout
-    assert (tmp_path / "other.html").is_file()
-    assert OWN not in call.stdout
 
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])

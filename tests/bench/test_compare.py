@@ -501,7 +501,7 @@ def unedited(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) 
     return edited_race(piezobench, tmp_path_factory.mktemp("edited"), "before")
 
 
-@pytest.mark.sample(2)
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("name", "change", "status", "says"),
     [

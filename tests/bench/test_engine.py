@@ -158,6 +158,7 @@ def test_a_dask_cluster_of_two_machines_gives_the_rows_of_a_local_race_repeatedl
         assert len({*zip(rows.host, commits(run), strict=True)}) == commits(run).nunique() == 2
 
 
+@pytest.mark.slow
 @TWO_CORES
 def test_the_workers_of_a_host_have_the_cores_of_all_of_them() -> None:
     distributed = library("distributed")

@@ -119,7 +119,7 @@ def test_qpbenchmark_finds_every_problem_in_each_scaling(
         assert test_set.get_problem(problem.name).q.tobytes() == ours.qp.q.tobytes()
 
 
-SOLVERS = ("clarabel", "osqp", "proxqp", "quadprog")
+SOLVERS = ("osqp", "quadprog")
 SETTINGS = ("low_accuracy", "high_accuracy")
 COLUMNS = ("primal_residual", "dual_residual", "duality_gap")
 
@@ -131,8 +131,7 @@ def test_residuals_and_verdicts_on_an_exported_set_are_those_of_qpbenchmark(
     piezobench.run("problems", "--set", "measured", "--export", tmp_path)
     file = tmp_path / "piezobench_measured.py"
     command = next(line.split()[1:] for line in file.read_text().splitlines() if "run --author" in line)
-    solvers = [solver for solver in SOLVERS if solver in qpsolvers.available_solvers]
-    for solver in solvers:
+    for solver in SOLVERS:
         words = [sys.executable, *command, "--solver", solver]
         subprocess.run(words, cwd=tmp_path, check=True)
     assert file.with_suffix(".md").is_file()
@@ -141,7 +140,7 @@ def test_residuals_and_verdicts_on_an_exported_set_are_those_of_qpbenchmark(
     test_set = benchmark.load_test_set(str(file))
     right = 0
     forms = {f"measured--{each.name}--{name}": form for each in problems for name, form in each.forms.items()}
-    for (name, form), solver, settings in product(forms.items(), solvers, SETTINGS):
+    for (name, form), solver, settings in product(forms.items(), SOLVERS, SETTINGS):
         with warnings.catch_warnings(action="ignore"):
             answer = qpsolvers.solve_problem(form.qp, solver, **test_set.solver_settings[settings][solver])
         row, case = theirs.loc[name, solver, settings], f"{solver}, {settings}, {name}"
@@ -153,8 +152,7 @@ def test_residuals_and_verdicts_on_an_exported_set_are_those_of_qpbenchmark(
             ours = np.array([residuals[column] for column in COLUMNS])
             np.testing.assert_array_equal(ours <= limits, found <= limits, err_msg=case)
             right += bool((ours <= limits).all())
-            if solver != "proxqp":  # which is not repeatable to the last bit
-                x = np.abs(answer.x)
-                terms = np.abs(form.qp.P) @ x + np.abs(form.qp.q)
-                np.testing.assert_allclose(ours, found, rtol=1e-6, atol=1e-14 * max(terms.max(), x @ terms))
-    assert right > 25
+            x = np.abs(answer.x)
+            terms = np.abs(form.qp.P) @ x + np.abs(form.qp.q)
+            np.testing.assert_allclose(ours, found, rtol=1e-6, atol=1e-14 * max(terms.max(), x @ terms))
+    assert right > 12

@@ -82,7 +82,9 @@ def built(folder: Path, settings: ExportSettings, stage: str, piezo_step: str = 
     assert (done.returncode, done.stderr) == (0, "")  # no warning
 
 
-@pytest.fixture(scope="module", params=[None, "projected_difference", "continuous"])
+@pytest.fixture(
+    scope="module", params=[None, "continuous", pytest.param("projected_difference", marks=pytest.mark.slow)]
+)
 def loop_folder(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A controller, or one of two learners, on the stage."""
     folder = tmp_path_factory.mktemp("loop")
@@ -197,7 +199,7 @@ int offered(void *learner, double *inverse)
 SIZE = 40_000
 INTERVALS = 10
 THREADED = ("projected_difference", "continuous")
-KINDS = ("plain", "thread sanitizer")
+KINDS = ("plain", pytest.param("thread sanitizer", marks=pytest.mark.slow))
 
 
 def flags_of(kind: str) -> tuple[str, ...]:

@@ -2,18 +2,14 @@
 
 import os
 import random
-import shutil
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 from command_line import (
-    CommandLine,
-    contents,
     hears_its_terminal,
     pacing,
     wait_until,
@@ -21,13 +17,12 @@ from command_line import (
     without_waiting,
 )
 from exported_loops import a_model
-from small_races import TWO_CORES, Race, saved
+from small_races import TWO_CORES, saved
 
 from bench.store import Run
-from piezo_model import Recording, identify, plants
-from piezo_model.recordings.writer import write_table
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("verb", ["race", "identify", "report"])
 def test_an_interrupt_while_libraries_are_imported_ends_the_program_in_silence(tmp_path: Path, verb: str) -> None:
     chance = random.Random(verb)
@@ -202,68 +197,3 @@ def test_a_call_started_with_nohup_or_in_the_background_continues_when_its_termi
         call.communicate()
     assert call.returncode == 0
     assert (tmp_path / "figures.json").is_file()
-
-
-def words_of(verb: str, folder: Path) -> tuple[object, ...]:
-    """A call that writes into a folder, with a model beside it."""
-    model = folder.parent / "model.json"
-    return {
-        "report": ("report", folder / "run"),
-        "export-c": ("export-c", model, folder / "c"),
-        "export-fmu": ("export-fmu", model, folder / "stage.fmu"),
-        "identify": (
-            "identify",
-            folder.parent / "stage.csv",
-            "--out",
-            folder / "model.json",
-            "--page",
-            folder / "page.html",
-        ),
-    }[verb]
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize(
-    "verb", ["report", "export-c", pytest.param("export-fmu", marks=pytest.mark.needs("cc")), "identify"]
-)
-def test_a_call_ended_at_any_moment_by_any_signal_leaves_whole_files_and_no_process(
-    piezobench: CommandLine, clean_race: Race, tmp_path: Path, verb: str
-) -> None:
-    x = 5.0 + 4.0 * np.sin(np.arange(4000) / 200.0) * np.linspace(1.0, 0.5, 4000)
-    model = identify(
-        Recording.from_arrays(x, plants.get("dense_prandtl_ishlinskii", sample_time=1e-3).run(10.0 * x), 1e-3), n=3, m=1
-    )
-    model.save(tmp_path / "model.json")
-    write_table(tmp_path / "stage.csv", {"time_s": np.arange(x.size) * 1e-3, "drive_V": x, "y_um": model.simulate(x)})
-    chance, whole, took = random.Random(verb), {}, 0.0
-    for number in range(25):
-        folder = tmp_path / str(number)
-        folder.mkdir()
-        if verb == "report":
-            shutil.copytree(clean_race.run.path, folder / "run")
-        before, begin = contents(folder), time.monotonic()
-        call = piezobench.start(*words_of(verb, folder))
-        if number > 2:  # the first three are left alone
-            time.sleep(chance.uniform(0.0, took))
-            os.kill(call.pid, (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)[number % 3])
-        ended = call.wait()
-        wait_until_gone(call.pid)
-        if number <= 2:
-            assert ended.status == 0, ended.stderr
-            whole, took = contents(folder), time.monotonic() - begin
-            continue
-        assert ended.status in (0, 130, 143, -signal.SIGKILL, -signal.SIGTERM), ended.stderr
-        assert "Traceback" not in ended.stderr
-        found = {
-            name: data
-            for name, data in contents(folder).items()
-            if not any(part.startswith(".") for part in Path(name).parts)
-        }
-        assert found.keys() <= whole.keys()
-        for name, data in found.items():
-            assert len(data) in (len(whole[name]), len(before.get(name, b"-"))) or (
-                name.endswith((".html", ".svg")) and data.rstrip().endswith(b">")
-            )
-        again = piezobench(*words_of(verb, folder))  # nothing that was left is in the way
-        assert again.status == 0 or "already" in again.stderr, again.stderr
-        assert contents(folder).keys() >= whole.keys()

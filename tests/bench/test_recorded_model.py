@@ -121,10 +121,10 @@ def test_a_model_in_other_units_than_the_recording_of_the_race_is_judged_in_its_
     ("how", "last_fifth"),
     [
         ("whole", "fitted"),
-        ("skip", "fitted"),
         ("four fifths", "held out"),
-        ("four fifths and whole", "fitted"),
         ("problem", "held out"),
+        pytest.param("skip", "fitted", marks=pytest.mark.slow),
+        pytest.param("four fifths and whole", "fitted", marks=pytest.mark.slow),
         pytest.param("half", "not known", marks=pytest.mark.slow),
         pytest.param("resampled", "not known", marks=pytest.mark.slow),
         pytest.param("later", "not known", marks=pytest.mark.slow),

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -209,10 +210,11 @@ def test_a_creep_rate_beyond_the_sampling_rate_is_refused() -> None:
 # Missing outputs.
 
 
-@pytest.mark.parametrize("lag", ["estimate", "remove"])
+@pytest.mark.sample(5)
 @pytest.mark.parametrize(
     "missing", [[0, 1, 2], [700, 1900, 1901], range(1000, 1200), range(2800, 3000), range(0, 3000, 3)]
 )
+@pytest.mark.parametrize("lag", ["estimate", "remove"])
 def test_missing_outputs_are_left_out_of_the_fit_and_counted_in_the_sentence(missing: Sequence[int], lag: str) -> None:
     s, x = structure(creep_rates=(1.0,)), a_drive(3000)
     start = OperatorState.settled_at(s, x[0])
@@ -231,26 +233,6 @@ def test_missing_outputs_are_left_out_of_the_fit_and_counted_in_the_sentence(mis
     found = model.validate(gaps)
     assert ("not counted" in next(found.sentences())) == (found.fit.missing > 0)
     assert found.fit.rms == pytest.approx(fit["rms"], rel=0.05)
-
-
-def test_missing_outputs_of_a_file_are_those_of_arrays(tmp_path: Path) -> None:
-    x = a_drive(3000)
-    y = true_model(structure()).simulate(x)
-    y[[5, 900, 1500]] = np.nan
-    columns = np.column_stack([np.arange(x.size) * 5e-3, x, y])
-    np.savetxt(tmp_path / "gaps.csv", columns, "%.9g", ",", header="time_s,voltage_V,position_um", comments="")
-    read, made = Recording.open(tmp_path / "gaps.csv"), Recording.from_arrays(x, y, 5e-3)
-    np.testing.assert_array_equal([read.uncounted, made.uncounted], [np.isnan(y)] * 2)
-    assert (read.y_range) == (pytest.approx(made.y_range, rel=1e-6))
-
-
-def test_a_missing_output_leaves_the_drive_as_it_is_in_other_units() -> None:
-    x, y = a_drive(3000), a_drive(3000)
-    y[[5, 900]] = np.nan
-    recording = Recording.from_arrays(1e3 * x, y, 5e-3, input_unit="mV", output_unit="um")
-    converted = recording.in_units("V", "nm")
-    np.testing.assert_allclose(converted.x, x, rtol=1e-12)
-    np.testing.assert_allclose(converted.counted_y, 1e3 * y, rtol=1e-12)
 
 
 # Refusals.
@@ -302,38 +284,45 @@ def test_a_lag_of_the_sensor_is_found_to_a_hundredth_of_a_sample(lag: float) -> 
     )  # the samples before the first one are unknown
 
 
-def of_a_stage(name: str, x: np.ndarray, lag: float = 0.0, noise_um: float = 0.02) -> Recording:
+T = np.arange(6000) * 1e-3
+TRIANGLE = 75.0 * (1.0 + sawtooth(2 * np.pi * T, 0.5))
+DRIVES = {
+    "tones": 75.0 + 25.0 * sum(np.sin(2 * np.pi * f * T + f) for f in (0.7, 1.9, 4.3)),
+    "triangle": TRIANGLE,
+    "shrinking triangle": TRIANGLE * (1.0 - 0.15 * T),
+}
+
+
+@cache
+def of_a_stage(name: str, drive: str, lag: float = 0.0) -> HysteresisCreepModel:
+    """The model of a stage whose sensor lags by some samples."""
+    x = DRIVES[drive]
     y = plants.get(name, sample_time=1e-3).run(x)
     y = np.interp(np.arange(y.size) - lag, np.arange(y.size), y)
-    return Recording.from_arrays(x, y + np.random.default_rng(4).normal(0.0, noise_um, y.size), 1e-3)
-
-
-T = np.arange(6000) * 1e-3
-TONES = 75.0 + 25.0 * sum(np.sin(2 * np.pi * f * T + f) for f in (0.7, 1.9, 4.3))
-TRIANGLE = 75.0 * (1.0 + sawtooth(2 * np.pi * T, 0.5))
+    return identify(Recording.from_arrays(x, y + np.random.default_rng(4).normal(0.0, 0.02, y.size), 1e-3))
 
 
 @pytest.mark.parametrize("name", ["relay_preisach", "maxwell_slip"])
-@pytest.mark.parametrize("x", [TONES, TRIANGLE])
-def test_a_stage_without_a_lag_is_not_said_to_have_one(name: str, x: np.ndarray) -> None:
-    report = identify(of_a_stage(name, x)).report
+@pytest.mark.parametrize("drive", ["tones", "triangle"])
+def test_a_stage_without_a_lag_is_not_said_to_have_one(name: str, drive: str) -> None:
+    report = of_a_stage(name, drive).report
     assert not report["lag"]["is_significant"]
     assert not any(
         "lags by" in sentence or "--lag" in sentence for sentence in [*report["findings"], *report["advice"]]
     )
 
 
-@pytest.mark.parametrize(("x", "alone"), [(TRIANGLE, True), (TRIANGLE * (1.0 - 0.15 * T), False), (TONES, False)])
-def test_a_drive_that_turns_at_the_ends_of_its_range_alone_is_said_to_tell_little_of_inner_loops(
-    x: np.ndarray, alone: bool
-) -> None:
-    model = identify(of_a_stage("relay_preisach", x))
-    assert bool(sentences(model, "reverses only at the ends of its range, and says little about inner loops")) == alone
+@pytest.mark.parametrize("drive", DRIVES)
+def test_a_drive_that_turns_at_the_ends_of_its_range_alone_is_said_to_tell_little_of_inner_loops(drive: str) -> None:
+    model = of_a_stage("relay_preisach", drive)
+    alone = bool(sentences(model, "reverses only at the ends of its range, and says little about inner loops"))
+    assert alone == (drive == "triangle")
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("lag", [1.0, 3.0])
 def test_a_lag_in_noise_is_named_with_errors_that_are_shares_of_the_full_range(lag: float) -> None:
-    report = identify(of_a_stage("maxwell_slip", TONES, lag)).report
+    report = of_a_stage("maxwell_slip", "tones", lag).report
     assert report["lag"]["is_significant"]
     assert report["lag"]["samples"] == pytest.approx(lag, abs=0.3)  # creep lags, too
     assert report["lag"]["error_percent"] < report["fit"]["rms_percent"] < report["lag"]["error_without_lag_percent"]
@@ -343,7 +332,7 @@ def test_a_lag_in_noise_is_named_with_errors_that_are_shares_of_the_full_range(l
 
 @pytest.mark.parametrize("lag", [0.0, 1.0])
 def test_a_lag_that_a_triangle_does_not_tell_from_hysteresis_is_said_to_be_possible(lag: float) -> None:
-    model = identify(of_a_stage("relay_preisach", TRIANGLE, lag))
+    model = of_a_stage("relay_preisach", "triangle", lag)
     assert not model.report["lag"]["is_significant"]
     assert model.report["lag"]["at_most_s"] > 1e-3 * max(lag, 1.0)
     assert sentences(model, "no significant lag, but may lag by up to")
@@ -355,7 +344,8 @@ def amplified(x: np.ndarray, tau_s: float, sample_time: float) -> np.ndarray:
     return np.asarray(lfilter([1 - p], [1, -p], np.repeat(x - x[0], 4)) + x[0])
 
 
-@pytest.mark.parametrize(("tau_s", "delay_s"), [(4e-3, 0.0), (4e-3, 1e-3), (0.0, 2e-3)])
+@pytest.mark.sample(2)
+@pytest.mark.parametrize(("tau_s", "delay_s"), [(4e-3, 1e-3), (0.0, 2e-3), (4e-3, 0.0)])
 def test_a_delay_and_the_lag_of_an_amplifier_without_a_mode_are_in_the_model(tau_s: float, delay_s: float) -> None:
     def made(seed: int, hold: int) -> Recording:
         rng = np.random.default_rng(seed)
@@ -388,6 +378,7 @@ def test_a_chirp_tells_the_lag_of_an_amplifier_from_a_delay_beside_many_plays() 
     )  # without creep, which a chirp of two seconds does not tell from hysteresis
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("levels", [2, 3])
 def test_few_levels_are_said_not_to_determine_hysteresis_and_bound_the_orders_that_no_rounding_error_chooses(
     levels: int,
@@ -405,6 +396,7 @@ def test_few_levels_are_said_not_to_determine_hysteresis_and_bound_the_orders_th
 
 
 def test_rounding_errors_choose_no_orders_of_an_exact_line() -> None:
-    lines = [factor * (0.3 * TONES + 3.0) for factor in (1.0, 1.0 - 1e-14, 1.0 + 1e-14)]
-    models = [identify(Recording.from_arrays(TONES, y, 1e-3)) for y in lines]
+    x = DRIVES["tones"][:2000]
+    lines = [factor * (0.3 * x + 3.0) for factor in (1.0, 1.0 - 1e-14, 1.0 + 1e-14)]
+    models = [identify(Recording.from_arrays(x, y, 1e-3)) for y in lines]
     assert {(model.structure.n, model.structure.dead_zones) for model in models} == {(1, 1)}

@@ -11,7 +11,6 @@ from recording_kinds import DESCRIBABLE, SAMPLE_TIME, UNDESCRIBABLE, creeping, d
 from bench.report.fit_review import review
 from piezo_model import IdentificationError, Recording, identify
 from piezo_model.identification.start import structure_of
-from piezo_model.model import HysteresisCreepModel
 from piezo_model.operators import play
 from piezo_model.recordings import RecordingError
 from piezo_model.units import UnitError, quantity
@@ -178,35 +177,6 @@ def test_a_rest_a_jump_and_an_offset_before_a_sine_do_not_change_the_fit() -> No
     assert whole.report["fit"]["rms_percent"] < 0.3
 
 
-def rested_first(seconds: float, drive: np.ndarray) -> Recording:
-    """Up to ±150 V after a rest at 0 V."""
-    rng, u = np.random.default_rng(3), np.concatenate([np.zeros(round(seconds / SAMPLE_TIME)), drive])
-    return Recording.from_arrays(u, noisy(rng, loops(rng, u / 150.0, 0.2), 0.001), SAMPLE_TIME)
-
-
-T = np.arange(35_001) * SAMPLE_TIME
-SLOW = 150.0 * np.sin(2 * np.pi * 0.7 * T) * np.sin(2 * np.pi * 0.05 * T)
-
-
-@pytest.mark.sample(1)
-@pytest.mark.parametrize(("rest_s", "options"), [(15.0, {}), (210.0, {"n": 3, "m": 1, "creep_rates": ()})])
-def test_a_rest_before_the_drive_does_not_hide_hysteresis_however_long_it_is(rest_s: float, options: dict) -> None:
-    recording = rested_first(rest_s, SLOW)
-    model = identify(recording, **options)
-    assert model.report["fit"]["samples"] == recording.length
-    assert model.report["fit"]["rms_percent"] < 0.2 * model.report["fit"]["line_percent"]
-    assert model.report["hysteresis"]
-
-
-def test_two_public_lines_give_the_reported_figure(tmp_path: object) -> None:
-    made = recording(DESCRIBABLE["hysteresis and creep"], 3)
-    identify(made).save(f"{tmp_path}/model.json")
-    model = HysteresisCreepModel.load(f"{tmp_path}/model.json")
-    error = model.simulate(made) - made.counted_y
-    assert np.sqrt(np.mean(error**2)) == pytest.approx(model.report["fit"]["rms"], rel=1e-12)
-    assert np.max(np.abs(error)) == pytest.approx(model.report["fit"]["max"], rel=1e-12)
-
-
 def test_validation_finds_the_start_and_removes_the_offset_between_sessions() -> None:
     rng = np.random.default_rng(5)
     u = np.sin(np.arange(9000) / 200) * (0.6 + 0.4 * np.sin(np.arange(9000) / 1700))
@@ -317,16 +287,6 @@ def test_a_transient_is_left_out_however_large_it_is_and_more_first_samples_may_
     assert fit["rms_percent"] < 0.3
 
 
-@pytest.mark.parametrize("sharpness", [3.0, 60.0])
-def test_a_butterfly_is_named_with_soft_and_with_sharp_switching(sharpness: float) -> None:
-    rng, k = np.random.default_rng(0), np.arange(6000)
-    field = 2.0 / np.pi * np.arcsin(np.sin(2.0 * np.pi * 3.0 * k / k.size + 1.0))
-    polarisation = np.tanh(sharpness * (field - 0.4 * np.sign(np.gradient(field))))
-    strain = noisy(rng, 0.6 * polarisation * field + 0.4 * polarisation**2)
-    with pytest.raises(IdentificationError, match="as the butterfly of a strain over a field"):
-        identify(Recording.from_arrays(75.0 * field, strain, SAMPLE_TIME))
-
-
 def test_validation_leaves_out_the_transient_that_identification_leaves_out_and_that_of_another_session() -> None:
     made = switched_on(470.0, 3.0, 20)
     model = identify(made)
@@ -368,8 +328,9 @@ def test_a_single_outlier_is_named_with_its_sample_and_value() -> None:
     assert any("in sample 4711" in sentence for sentence in model.validate(spoiled).sentences())
 
 
-@pytest.mark.parametrize("threshold", [100.0, 300.0, 500.0])
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("shift", [0.0, 150.0])
+@pytest.mark.parametrize("threshold", [300.0, 100.0, 500.0])
 def test_a_butterfly_of_any_width_is_refused_by_that_name(threshold: float, shift: float) -> None:
     t = np.arange(4000)
     for u in (np.sin(t / 100), np.sin(t / 100) * np.exp(-t / 3000), 0.6 * np.sin(t / 100) + 0.4 * np.sin(t / 37)):

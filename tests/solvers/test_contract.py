@@ -43,7 +43,8 @@ COPIES: dict[str, Callable[[object], object]] = {"copy": copy.copy, "deepcopy": 
 each_solver = pytest.mark.parametrize(
     "entry",
     [
-        pytest.param(e, id=f"{e.lane} {e.name}", marks=[pytest.mark.slow] * (e.name == "qpax"))  # JAX traces every call
+        # JAX traces every call, and a commercial library has a process for each promise
+        pytest.param(e, id=f"{e.lane} {e.name}", marks=[pytest.mark.slow] * (e.name in ("qpax", *COMMERCIAL)))
         for e in entries()
     ],
 )
