@@ -31,8 +31,16 @@ from solvers import Lane
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted((ROOT / "docs").glob("*.md"))
-LONG_PAGES = {"commands", "tutorial-live", "tutorial-solver-author"}
-"""Pages whose commands take over twenty seconds."""
+LONG_PAGES = {
+    "adding-problems",
+    "commands",
+    "reading-the-report",
+    "tutorial-live",
+    "tutorial-scanner",
+    "tutorial-solver-author",
+    "what-to-record",
+}
+"""Pages whose commands take over five seconds."""
 READING = (ROOT / "docs" / "reading-the-report.md").read_text(encoding="utf-8")
 LEARNING = ROOT / "docs" / "learning.md"
 PLANT = plants.get("relay_preisach", sample_time=1e-3)
@@ -238,6 +246,7 @@ def test_make_help_lists_every_target() -> None:
     assert {line.split()[0] for line in made("help").stdout.splitlines()} == targets
 
 
+@pytest.mark.slow
 def test_make_compare_compares_two_runs_and_refuses_a_missing_one(tmp_path: Path) -> None:
     done = made("compare", "A=results/reference", "B=results/reference", f"OUT={tmp_path}")
     assert done.returncode == 0, done.stderr

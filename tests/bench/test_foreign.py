@@ -390,7 +390,7 @@ def test_every_file_of_a_folder_is_read_or_named(piezobench: CommandLine, tmp_pa
     )
 
 
-@pytest.mark.sample(3)
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("pause", [0.0, 0.3, 1.0, 0.05, 3.0])
 def test_proving_processes_end_with_the_generator_whether_they_start_or_work(pause: float) -> None:
     before = set(multiprocessing.active_children())

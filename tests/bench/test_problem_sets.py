@@ -293,17 +293,6 @@ def test_the_same_seed_gives_the_same_bits_and_another_seed_another_problem(pape
     assert not same_problem(other, paper[0])
 
 
-def test_the_optimum_fits_unseen_data_better_than_a_straight_line(
-    paper: list[RaceProblem],
-) -> None:
-    problem = paper[0]
-    n = problem.validation.structure.play_thresholds
-    straight = problem.optimal_weights.copy()
-    straight[: len(n)] = 0.0
-    straight[-len(n) - 1 :] = 0.0
-    assert problem.validation.error_percent(problem.optimal_weights) < problem.validation.error_percent(straight)
-
-
 @pytest.fixture(scope="module")
 def by_seed() -> list[dict[str, RaceProblem]]:
     return [{problem.name: problem for problem in make("measured", seed).problems()} for seed in range(PROGRAMS + 1)]
