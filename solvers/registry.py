@@ -23,6 +23,7 @@ import re
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -153,19 +154,24 @@ def entries() -> Iterator[Entry]:
     RegistrationError
         Another package registers a solver under an invalid name or one that is taken.
     """
-    own = list(_own_entries())
-    yield from own
-    known = {(entry.name, entry.lane) for entry in own}
+    yield from _entries(tuple(sys.path), Path(__file__).parent)
+    yield from _added
+
+
+@cache
+def _entries(path: tuple[str, ...], here: Path) -> tuple[Entry, ...]:
+    """The entries in a folder and in the packages on a search path: an identification finds its solver a hundred times,
+    and the metadata of all packages take longer to read than its programs to solve."""
+    found = {(entry.name, entry.lane): entry for entry in _own_entries(here)}
     for registered in importlib.metadata.entry_points(group=GROUP):
         entry = _registered(registered)
-        if (entry.name, entry.lane) in known:
+        if (entry.name, entry.lane) in found:
             raise RegistrationError(
                 f"{_package(registered)} registers a solver {entry.name} in the lane {entry.lane}, which "
                 f"has one already"
             )
-        known.add((entry.name, entry.lane))
-        yield entry
-    yield from _added
+        found[entry.name, entry.lane] = entry
+    return tuple(found.values())
 
 
 def _registered(registered: importlib.metadata.EntryPoint) -> Entry:
@@ -184,8 +190,7 @@ def _package(registered: importlib.metadata.EntryPoint) -> str:
     return f"the package {registered.dist.name}" if registered.dist else "a package"
 
 
-def _own_entries() -> Iterator[Entry]:
-    here = Path(__file__).parent
+def _own_entries(here: Path) -> Iterator[Entry]:
     for lane in Lane:
         if lane in FOLDERS:
             for file in sorted((here / lane).glob("[a-z]*.py")):
