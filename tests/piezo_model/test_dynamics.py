@@ -83,12 +83,6 @@ def test_behind_the_inverse_a_ramp_is_followed_after_the_declared_lag_and_a_step
         np.testing.assert_allclose(dynamics.filter(dynamics.inverse(step, T), T), answer, atol=1e-12)
 
 
-def test_an_anticipating_inverse_has_no_lag() -> None:
-    y = 10.0 * np.sin(2.0 * np.pi * 20.0 * T * np.arange(20_000))
-    error = TWO.filter(TWO.anticipated(y, T), T) - y
-    assert np.max(np.abs(error[4000:-4000])) < 0.01
-
-
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
@@ -145,19 +139,13 @@ def test_parts_that_begin_while_the_stage_moves_or_rings_are_described_to_their_
         assert fit["max"] < 6.0 * fit["rms"]
 
 
-def test_a_model_with_dynamics_is_saved_to_the_bit(tmp_path: Path) -> None:
-    model, path = ringing(), tmp_path / "model.json"
-    model.save(path)
-    loaded = HysteresisCreepModel.load(path)
-    assert loaded.dynamics == SLOW
-    np.testing.assert_array_equal(loaded.simulate(a_drive()), model.simulate(a_drive()))
-
-
 def test_at_another_sampling_period_a_mode_too_fast_is_its_static_gain_and_other_dynamics_stay(tmp_path: Path) -> None:
     model = replace(ringing(), dynamics=Dynamics((4.0, 11.0), (0.02, 0.3), (0.6, 0.3), 3e-3, 4e-3))
     slower = model.at(0.05)
     slower.save(tmp_path / "slower.json")
-    assert "only the static gain of the fastest modes" in HysteresisCreepModel.load(tmp_path / "slower.json").warning
+    loaded = HysteresisCreepModel.load(tmp_path / "slower.json")
+    assert "only the static gain of the fastest modes" in loaded.warning
+    np.testing.assert_array_equal(loaded.simulate(a_drive()), slower.simulate(a_drive()))
     assert (slower.dynamics, slower.left_out) == (Dynamics((4.0,), (0.02,), (0.6,), 3e-3, 4e-3), model.dynamics)
     assert slower.at(0.1).left_out == model.dynamics
     ramp = np.linspace(0.0, 90.0, 40_000)

@@ -4,24 +4,11 @@ import known_models
 import numpy as np
 import pytest
 
-import solvers
 from piezo_model.data_basis import DataBasis
 from piezo_model.identification.error_model import ProgramSolver
-from piezo_model.identification_problem import Coordinates, IdentificationProblem, Scaling
+from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.structure import ModelStructure
-
-FORMS: list[tuple[Coordinates, Scaling]] = [
-    ("slope", "scaled"),
-    ("slope", "raw"),
-    ("weight", "scaled"),
-    ("weight", "raw"),
-]
-SOLVERS = [
-    entry.name
-    for entry in solvers.available()
-    if entry.lane == "direct" and entry.name in ("daqp", "quadprog", "pyqpmad")
-]
 
 
 def structure(**changes: object) -> ModelStructure:
@@ -51,24 +38,6 @@ def problem_of(
 def full_drive(amplitude: float = 1.0, size: int = 3000) -> np.ndarray:
     k = np.arange(size)
     return amplitude * (0.6 * np.sin(k / 15) + 0.4 * np.sin(k / 47))
-
-
-def solve(problem: IdentificationProblem, coordinates: Coordinates, scaling: Scaling, solver: str) -> np.ndarray:
-    form = problem.form(coordinates, scaling)
-    engine = solvers.get(solver, "direct")
-    engine.setup(form.qp)
-    return form.weights(engine.solve())
-
-
-@pytest.mark.parametrize("solver", SOLVERS)
-@pytest.mark.parametrize("noise", [0.0, 0.02, 0.3])
-def test_box_and_cone_raw_and_scaled_have_the_same_optimum(solver: str, noise: float) -> None:
-    problem = problem_of(structure(), full_drive(), noise)
-    answers = np.array([solve(problem, *form, solver) for form in FORMS])
-    np.testing.assert_allclose(answers[1:], np.tile(answers[:1], (3, 1)), rtol=0, atol=1e-9)
-    w, s = ProgramSolver().optimum(problem), problem.structure
-    np.testing.assert_allclose(w, answers[0], rtol=0, atol=1e-9)
-    assert noise < 0.3 or np.sum(w[s.slices[0]] == 0.0) + np.sum(w[s.slices[2]] == 0.0) > 0  # some bounds are active
 
 
 def test_raw_variables_have_physical_units() -> None:

@@ -201,11 +201,6 @@ def test_the_content_tells_the_format_and_not_the_suffix(tmp_path: Path, suffix:
         np.testing.assert_array_equal(Recording.open(path).counted_y, signals()["displacement_um"])
 
 
-def test_a_binary_file_of_no_known_format_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "stage.csv").write_bytes(bytes(range(256)) * 40)
-    assert "is neither plain text nor in a format that is read" in refusal(tmp_path / "stage.csv")
-
-
 @pytest.mark.parametrize(
     "spoil",
     [
