@@ -1,7 +1,6 @@
 """A file from outside is used, or refused in one sentence that names it; nothing else happens."""
 
 import json
-import os
 import shutil
 import zipfile
 from collections.abc import Callable, Iterator
@@ -25,13 +24,10 @@ from hostile_files import (
     spoiled_tables,
 )
 from pyarrow import parquet
-from qpsolvers import Problem
 from small_races import Race
 
-from bench.messages import user_cache
 from bench.messages.task import Tier
 from bench.problem_files import ProblemFileError
-from bench.problems.proofs import proof
 from bench.problems.protocol import RaceProblem
 from bench.race_table import ROWS
 from bench.races.runs import open_run
@@ -260,17 +256,6 @@ def test_every_verb_that_reads_a_damaged_run_refuses_it_and_writes_nothing(
     assert [*run.path.parent.iterdir()] == [run.path]
 
 
-def test_a_damaged_cached_certificate_is_computed_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    qp = Problem(np.diag([2.0, 3.0]), np.array([-1.0, 1.25]), lb=np.zeros(2))
-    right = proof(qp)
-    (path,) = user_cache.folder("proofs").iterdir()
-    for what, text in spoiled_documents(json.loads(path.read_text())):
-        path.write_bytes(text)
-        found = proof(qp)
-        assert (found.x, found.value) == (right.x, right.value), what
-
-
 def test_a_program_whose_headers_are_damaged_is_refused(tmp_path: Path) -> None:
     for spoilt in (b"\x00" * 20, b"{'descr': (((((((((((", b"{'shape': (10**18,)", b"'''"):
         path = tmp_path / "p.npz"
@@ -349,17 +334,6 @@ def test_no_verb_for_a_finished_run_executes_the_python_files_that_it_names(
     ):
         piezobench.run(*words)
     assert not (tmp_path / "HARMED").exists()
-
-
-def test_a_race_is_not_resumed_with_another_version_of_a_solver(
-    piezobench: CommandLine, clean_race: Race, tmp_path: Path
-) -> None:
-    run = clean_race.unfinished(tmp_path / "run")
-    noted = run.settings["lanes"]
-    run.note(lanes={**noted, "daqp (direct)": "0.1.2"})
-    here = f"{os.uname().nodename} has {noted['daqp (direct)']}; begin a new run"
-    assert f"raced daqp (direct) in version 0.1.2, and {here}" in piezobench("resume", run.path).refusal
-    assert run.settings["lanes"]["daqp (direct)"] == "0.1.2"
 
 
 def test_a_run_that_names_a_test_set_is_continued_only_with_its_file(

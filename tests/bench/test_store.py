@@ -162,14 +162,6 @@ def test_a_run_is_named_like_one_folder(tmp_path: Path, name: str) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_an_existing_run_is_not_overwritten(tmp_path: Path) -> None:
-    Run.create(tmp_path, {**SETTINGS, "there_are": {"first": 1}}, "run")
-    with pytest.raises(RunError, match="already exists; give another name or resume it"):
-        Run.create(tmp_path, SETTINGS, "run")
-    assert Run.open(tmp_path / "run").settings["there_are"] == {"first": 1}
-    assert [path.name for path in tmp_path.iterdir()] == ["run"]
-
-
 def test_a_run_that_is_finished_or_has_a_task_is_not_discarded(clean_race: Race, tmp_path: Path) -> None:
     clean_race.copied(tmp_path / "finished").discard()
     assert (tmp_path / "finished" / "rows.parquet").is_file()

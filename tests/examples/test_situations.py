@@ -101,10 +101,3 @@ def test_every_way_ends_near_the_floor_and_far_from_the_straight_line(rows: pd.D
     assert (rows.cycle_5 < 0.5 * rows.straight).all()
     assert (rows.ratio < 3.0).all()
     assert (rows[rows.way == "continuous"].ratio < 1.5).all()
-
-
-def test_a_seed_is_the_same_row_again(rows: pd.DataFrame) -> None:
-    (again,) = robustness.rows(6, ("cyclic, exact",))
-    (before,) = rows[(rows.seed == 6) & (rows.way == "cyclic, exact")].to_dict("records")
-    assert again == before
-    assert np.isfinite(list(again.values())[4:]).all()
