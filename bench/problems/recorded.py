@@ -102,11 +102,12 @@ class Recorded(ProblemSet):
         return {self._split[0].digest(): HELD_OUT, self._whole.digest(): FITTED}
 
     def problems(self) -> Iterator[RaceProblem]:
-        """Accumulate and certify each window at each order; windows that are too short are left out."""
-        recording, unseen = self._split
+        """Accumulate and certify each window at each order of a selected problem; windows that are too short are left
+        out."""
+        (recording, unseen), (orders, rates) = self._split, self._orders_and_rates
         fitted, until = recording.length, (*unseen.starts, unseen.length)[1]
-        noise, (orders, rates) = sensor_noise(self._whole.counted_y), self._orders_and_rates
-        for n, m in orders:
+        noise, wanted = sensor_noise(self._whole.counted_y), {name.rpartition("-")[0] for name in self.selected}
+        for n, m in (order for order in orders if "n{}-m{}".format(*order) in wanted):
             prepared = preprocessed(recording, n, m, rates)
             s = prepared.structure
             for window, share in WINDOWS.items():
