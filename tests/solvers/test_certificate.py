@@ -193,6 +193,8 @@ def test_a_bound_touched_with_zero_multiplier_is_certified_either_way() -> None:
     for lower in ((), (0,)):
         for upper in ((), (1,)):
             verify(problem, replace(proof, lower=lower, upper=upper))
+    still = DoubleProblem.of(Problem(ZERO2, np.zeros(2), lb=np.zeros(2)))
+    assert [i for _, i in still.guess(np.zeros(2))] == [0, 1]  # without gradient and curvature it stays where it is
 
 
 INFEASIBLE: list[tuple[dict[str, np.ndarray], str]] = [
