@@ -165,33 +165,45 @@ def test_columns_that_no_name_tells_apart_are_asked_for_and_an_output_that_falls
     assert any("falls as the input rises" in finding for finding in model.report["findings"])
 
 
+PRINTED: list[tuple[float, str]] = [
+    (125e-6, "{:.3f}"),
+    (125e-6, "{:.4f}"),
+    (125e-6, "{:.6f}"),
+    (125e-6, "{!r}"),
+    (0.005, "{:.3f}"),
+    (0.005, "{:.2f}"),
+    (1e-4, "{:.3f}"),
+    (1 / 3000, "{:.3f}"),
+    (1 / 3000, "{:.5f}"),
+    (1e-6, "{:.9f}"),
+    (0.1, "{!r}"),
+]
+"""Sampling periods, and the form in which their times are printed."""
+K = np.arange(5000)
+
+
 @pytest.mark.parametrize(
-    ("sample_time", "printed"),
+    ("times", "options", "sample_time", "rel"),
     [
-        (125e-6, "{:.3f}"),
-        (125e-6, "{:.4f}"),
-        (125e-6, "{:.6f}"),
-        (125e-6, "{!r}"),
-        (0.005, "{:.3f}"),
-        (0.005, "{:.2f}"),
-        (1e-4, "{:.3f}"),
-        (1 / 3000, "{:.3f}"),
-        (1 / 3000, "{:.5f}"),
-        (1e-6, "{:.9f}"),
-        (0.1, "{!r}"),
+        *(
+            pytest.param(
+                [printed.format(start + k * period) for k in range(3000)], {}, period, 1e-3, id=f"{printed} {start}"
+            )
+            for period, printed in PRINTED
+            for start in (0.0, 17.0003, -2.0)
+        ),
+        pytest.param([f"{k * 125e-6:.3f}" for k in range(1000)], {}, 125e-6, 0.0, id="the round period behind"),
+        pytest.param(
+            [f"{0.005 * (k + 0.02 * (k == 20)):.7f}" for k in range(50)], {"time_tolerance": 0.05}, 0.005, 0.0, id="own"
+        ),
+        pytest.param(0.005 * (K + 0.004 * np.sin(K**2)), {}, 0.005, 1e-5, id="jitter within the tolerance"),
     ],
 )
-@pytest.mark.parametrize("start", [0.0, 17.0003, -2.0])
-def test_rounding_of_printed_times_is_no_irregularity(
-    tmp_path: Path, sample_time: float, printed: str, start: float
+def test_rounding_of_printed_times_and_jitter_within_the_tolerance_are_no_irregularities(
+    tmp_path: Path, times: list[str] | np.ndarray, options: dict[str, float], sample_time: float, rel: float
 ) -> None:
-    path = with_times(tmp_path, [printed.format(start + k * sample_time) for k in range(3000)])
-    assert Recording.open(path).sample_time == pytest.approx(sample_time, rel=1e-3)
-
-
-def test_the_round_period_behind_rounded_times_is_found(tmp_path: Path) -> None:
-    recording = Recording.open(with_times(tmp_path, [f"{k * 125e-6:.3f}" for k in range(1000)]))
-    assert recording.sample_time == 125e-6
+    found = Recording.open(with_times(tmp_path, times), **options).sample_time  # type: ignore[arg-type]
+    assert found == pytest.approx(sample_time, rel=rel)
 
 
 @pytest.mark.parametrize(
@@ -217,18 +229,6 @@ def test_a_gap_between_two_chunks_is_found(tmp_path: Path) -> None:
     columns["time_s"][65_536:] += 0.02
     write_table(tmp_path / "s.parquet", columns)
     assert "has a gap of 0.025 s before data row 65537: about 4 samples missing" in refusal(tmp_path / "s.parquet")
-
-
-def test_the_tolerance_is_the_users(tmp_path: Path) -> None:
-    times = np.arange(50) * 0.005
-    times[20] += 0.02 * 0.005
-    path = with_times(tmp_path, [f"{t:.7f}" for t in times])
-    assert Recording.open(path, time_tolerance=0.05).sample_time == 0.005
-
-
-def test_jitter_within_the_tolerance_is_accepted(tmp_path: Path) -> None:
-    times = (np.arange(5000) + np.random.default_rng(1).uniform(-0.004, 0.004, 5000)) * 0.005
-    assert Recording.open(with_times(tmp_path, times)).sample_time == pytest.approx(0.005, rel=1e-5)
 
 
 def test_times_of_seven_significant_digits_are_uniform_and_a_gap_in_them_is_found(tmp_path: Path) -> None:
