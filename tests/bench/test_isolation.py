@@ -181,9 +181,10 @@ def test_processes_that_a_solver_started_end_with_it(faulty_race: Race) -> None:
         ),
     ],
 )
-def test_a_sleeping_process_does_not_outlive_a_killed_race(
+def test_neither_a_sleeping_process_nor_a_temporary_file_outlives_a_killed_race(
     piezobench: CommandLine, tmp_path: Path, sleeps: str
 ) -> None:
+    before = {*piezobench.folder.rglob("*piezobench*")}
     file = faulty_solvers.written(tmp_path, "sleeper", "solve(self)", sleeps)
     file.write_text(f"{file.read_text()}\n\ndef note(pid):\n    open(__file__ + '.pid', 'w').write(str(pid))\n")
     words = ("--set", "paper", "--limit", 1, "--lane", "kernel", "--solver", "box_active_set", "--time-limit", 60)
@@ -191,6 +192,7 @@ def test_a_sleeping_process_does_not_outlive_a_killed_race(
     pid = tmp_path / "sleeper.py.pid"
     ended = call.kill_once(lambda: pid.exists() and pid.read_text() != "")  # which waits for all processes to end
     assert pid.read_text(), ended.stderr
+    assert {*piezobench.folder.rglob("*piezobench*")} == before
 
 
 @pytest.mark.parametrize(

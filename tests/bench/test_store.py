@@ -1,13 +1,8 @@
-"""A run on disk is complete or can be completed, whenever the process that writes it is killed.
-
-``PIEZOBENCH_KILLS`` sets how often the race is killed (5), ``PIEZOBENCH_KILL_SEED`` when.
-"""
+"""A run on disk is complete or can be completed, whenever the process that writes it is killed."""
 
 import json
 import os
-import random
 import subprocess
-import time
 from collections.abc import Callable, Iterator
 from multiprocessing import get_context
 from pathlib import Path
@@ -15,8 +10,8 @@ from pathlib import Path
 import killed_run
 import pandas as pd
 import pytest
-from command_line import CommandLine, wait_until_gone
-from small_races import SMALL, TASKS, THIRD, Race, saved
+from command_line import CommandLine
+from small_races import SMALL, THIRD, Race
 
 from bench import problems
 from bench.messages.task import silent
@@ -28,8 +23,6 @@ from bench.timing import machine
 from piezo_model.atomic_file import write_text
 
 SETTINGS = {"settings": {}}
-KILLS = int(os.environ.get("PIEZOBENCH_KILLS", "5"))
-SEED = int(os.environ.get("PIEZOBENCH_KILL_SEED", "0"))
 TIMES = [
     "setup_us",
     "update_us",
@@ -58,34 +51,6 @@ def of_first_answers(rows: pd.DataFrame) -> pd.DataFrame:
 def assert_same(rows: pd.DataFrame, clean_race: Race) -> None:
     assert not rows.duplicated(["task", "timed"]).any()
     pd.testing.assert_frame_equal(of_first_answers(rows), of_first_answers(clean_race.rows))
-
-
-def temporary(piezobench: CommandLine) -> set[str]:
-    """Names in the folder for temporary files."""
-    return {path.name for path in piezobench.folder.rglob("*piezobench*")}
-
-
-@pytest.mark.slow
-def test_a_race_killed_at_random_moments_leaves_no_process_or_file_and_ends_like_an_uninterrupted_one(
-    piezobench: CommandLine, tmp_path: Path, clean_race: Race
-) -> None:
-    chance, run, before = random.Random(SEED), Run(tmp_path / "run"), temporary(piezobench)
-    for after in sorted(chance.choices(range(TASKS + 1), k=KILLS)):
-        if (run.path / "run.json").is_file():
-            call = piezobench.start("resume", run.path)
-        else:
-            call = piezobench.start("race", *SMALL, *THIRD, "--out", tmp_path, "--name", "run")
-        while call.running() and not run.is_finished() and len(saved(run)) < after:
-            time.sleep(0.002)
-        time.sleep(chance.choice([0.0, chance.uniform(0.0, 0.05), chance.uniform(0.0, 1.0)]))
-        call.kill()
-        call.wait()
-        wait_until_gone(call.pid)
-        assert temporary(piezobench) == before
-    piezobench.run("resume", run.path)
-    assert_same(run.rows(), clean_race)
-    for name in ("report.md", "summary.csv"):
-        assert (run.path / name).is_file()
 
 
 def test_a_run_killed_at_any_step_on_disk_is_resumed_with_nothing_lost_or_twice(tmp_path: Path) -> None:
