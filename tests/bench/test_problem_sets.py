@@ -14,7 +14,7 @@ from measured_rows import judged
 from program_files import same_problem
 
 from bench.messages.task import Outcome, Status
-from bench.problems import RaceProblem, all_sets, find, make, sets
+from bench.problems import ProblemSet, RaceProblem, all_sets, find, make, sets
 from bench.problems.measured import FOLDER, read
 from bench.problems.protocol import SCALINGS, Scaling
 from bench.problems.recorded import ORDERS, WINDOWS, Recorded, preprocessed
@@ -55,8 +55,16 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def recorded(recording: Path) -> list[RaceProblem]:
-    return list(make("recorded", options={"recording": str(recording)}).problems())
+def made(recording: Path) -> ProblemSet:
+    """A set of which problems of two orders are selected."""
+    made = make("recorded", options={"recording": str(recording)})
+    made.selected = {"n5-m3-whole", "n12-m6-whole"}
+    return made
+
+
+@pytest.fixture(scope="module")
+def recorded(made: ProblemSet) -> list[RaceProblem]:
+    return list(made.problems())
 
 
 def test_conditions_of_the_bare_problems_span_eight_decades_and_end_in_singular_ones(
@@ -138,10 +146,13 @@ def test_the_optimum_moves_with_the_gain_and_a_warm_start_is_nearer_to_it_than_t
     assert 0.0 < np.median(steps) < np.median(moved)
 
 
-def test_a_recording_gives_problems_of_every_order_over_every_window(recorded: list[RaceProblem]) -> None:
-    names = [problem.name for problem in recorded]
+def test_a_recording_gives_problems_of_every_order_over_every_window_and_makes_those_of_the_selected_orders(
+    made: ProblemSet, recorded: list[RaceProblem]
+) -> None:
+    names = made.names()
     assert len(names) == len({*names}) == (len(ORDERS) + 1) * len(WINDOWS)  # and those of identify's own model
     assert {f"n{n}-m{m}-{window}" for n, m in ORDERS for window in WINDOWS} < {*names}
+    assert [problem.name for problem in recorded] == [f"{order}-{w}" for order in ("n5-m3", "n12-m6") for w in WINDOWS]
     for problem in recorded[:4]:
         for form in problem.forms.values():
             verify(form.qp, form.certificate)
