@@ -12,11 +12,14 @@ from browser import Browser
 from command_line import CommandLine
 from hypothesis import settings
 from programs import ALL, RECORDING_ABSENT, program
-from threadpoolctl import threadpool_info
+from threadpoolctl import threadpool_info, threadpool_limits
 
 # Without cached bytecode, each of hundreds of processes would compile every module again.
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+# One thread of BLAS for each process: those that wait would spin on the cores of other tests.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+threadpool_limits(1, user_api="blas")
 
 # The same cases in every run, so that only a change turns a test red; `--hypothesis-profile=drawn` draws others.
 settings.register_profile("drawn", deadline=None, max_examples=100 if ALL else 25)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from bench.problems.protocol import ProblemSet, RaceProblem, Validation, certified
 from piezo_model import DataBasis, HysteresisCreepModel, Recording, identify
 from piezo_model.identification.creep import candidate_rates
-from piezo_model.identification.error_model import IdentificationError, ProgramSolver
+from piezo_model.identification.error_model import IdentificationError, ProgramSolver, one_thread
 from piezo_model.identification.start import InitialFit, prepare, structure_of
 from piezo_model.recordings.options import ReadOptions
 
@@ -179,6 +179,7 @@ def excerpt(whole: Recording, samples: slice) -> Recording:
     return replace(recording, starts=whole.part(samples).starts)
 
 
+@one_thread
 def preprocessed(recording: Recording, n: int, m: int, creep_rates: Sequence[float]) -> InitialFit:
     """Model structure with the ranges after the transient, length of the transient, and initial states."""
     structure = structure_of(recording, n, m, creep_rates)
