@@ -311,7 +311,7 @@ class HysteresisCreepModel(Immutable):
         if integral_gain >= most:
             raise ModelError(
                 f"integral_gain must be below {most:.4g} per second, not {integral_gain:g}: with {dynamics}"
-                f"{', which are not inverted' * (inverted is None)}, the loop would be unstable"
+                f"{', not inverted' * (inverted is None)}, the loop would be unstable"
             )
         return most
 

@@ -8,11 +8,11 @@
     static   the output of the stage without the dynamics, from which creep and orders are determined
 
 A richer model is chosen only for a significant gain. The dynamics are kept if three conditions hold: the scan gains
-GAIN of the whitened squares; no frequency or damping is at a bound; and the squared error on held-out blocks of three
-periods falls, either by an F test with as many degrees of freedom as there are independent samples (for a drive that
-excites the mode now and then) or in the mean of its logarithm over the blocks (for one that excites it faintly all the
-time). They are not changed afterwards: estimated together with creep of all rates they are less biased than with the
-creep of the final model.
+GAIN of the whitened squares, and more than chance does; no frequency or damping is at a bound; and the squared error on
+held-out blocks of three periods falls, by half for a mode of which the recording has few periods, and either by an F
+test with as many degrees of freedom as there are independent samples (for a drive that excites the mode now and then)
+or in the mean of its logarithm over the blocks (for one that excites it faintly all the time). They are not changed
+afterwards: estimated together with creep of all rates they are less biased than with the creep of the final model.
 
 A stage without a visible mode may have an output delay, or an amplifier that lags. Hysteresis lags too, so the
 correlation of input and output determines neither: they are unknowns of a forward fit, together with creep and a drift.
@@ -239,8 +239,7 @@ def separate(
         return StaticView(static, prepare(static, initial.skip), choice)
     view = _with_modes(recording, prepare, skip, qp_solver) if choice == "estimate" else None
     if view is None or view.dynamics is None:
-        finding = None if view is None else view.finding
-        view = StaticView(recording, prepare(recording), finding=finding)
+        view = StaticView(recording, prepare(recording), finding=view.finding if view else None)
         return view if lag == "ignore" else _with_lag(recording, view, prepare, choice, lag, qp_solver)
     return view
 
@@ -308,14 +307,17 @@ def _beside(spectra: Spectra, g: Dynamics) -> Peak | None:
 
 def _is_plausible(peak: Peak, spectra: Spectra) -> bool:
     """True if a peak may be a mode."""
-    gains = peak.gain > max(GAIN, CHANCE_GAIN / spectra.samples)
-    return gains and peak.inside and LEAST_DAMPED < peak.damping < MOST_DAMPED
+    return (
+        peak.gain > max(GAIN, CHANCE_GAIN / spectra.samples)
+        and peak.inside
+        and LEAST_DAMPED < peak.damping < MOST_DAMPED
+    )
 
 
 def _through_inverse(recording: Recording, dynamics: Dynamics) -> Recording:
     """The recording with its output filtered by the inverse of G, up to a bandwidth."""
-    parts = [dynamics.anticipated(recording.y[part], recording.sample_time) for part in recording.parts]
-    return _as_of_static(recording, dynamics, np.concatenate(parts))
+    y = [dynamics.anticipated(recording.y[part], recording.sample_time) for part in recording.parts]
+    return _as_of_static(recording, dynamics, np.concatenate(y))
 
 
 def _as_of_static(recording: Recording, dynamics: Dynamics, y: Vector) -> Recording:
@@ -460,11 +462,10 @@ class DynamicsTrials:
         chance = f_distribution.sf(before.sum() / after.sum(), independent, independent)
         highest = CLEAR if g.frequencies_Hz[0] * T * segment_of(self.recording) < FEW else 1.0
         falls = after.sum() < highest * before.sum() and (chance < CHANCE or gains.mean() > SIGNIFICANT * deviation)
-        parameters, modes, moved = parameters_of(best), len(g.frequencies_Hz), best.free[self.structure.d :]
-        own = slice(self.structure.d, None)
-        deviations = parameters.deviations(best.covariance[own, own])  # 0 for parameters that are not free
+        d, parameters, modes = self.structure.d, parameters_of(best), len(g.frequencies_Hz)
+        deviations = parameters.deviations(best.covariance[d:, d:])  # 0 for parameters that are not free
         reasons = {
-            "its frequency or damping is at a bound of the search": not np.all(moved[: 2 * modes]),
+            "its frequency or damping is at a bound of the search": not np.all(best.free[d:][: 2 * modes]),
             "its frequency or damping is out of range for this sampling rate": not all(
                 LEAST_DAMPED < zeta < MOST_DAMPED for zeta in g.damping
             )
@@ -480,13 +481,12 @@ class DynamicsTrials:
         if falls and rest is not None and (cost := refit(_ringing(best, rest, T), 1).cost) < 0.5 * best.cost:
             also = rest.frequency_Hz, self.percent(best.cost - cost)
         reason = next((why for why, applies in reasons.items() if applies), "")
-        still = (((f, f), 0.0) for f in g.frequencies_Hz)
-        moves = still if reason else (movement(best, mode, T, refit) for mode in range(modes))
+        moves = [((f, f), 0.0) if reason else movement(best, i, T, refit) for i, f in enumerate(g.frequencies_Hz)]
         moves_Hz, spread = zip(*moves, strict=True)
         deviations[:modes] = np.hypot(deviations[:modes], spread)
         values = np.array([*g.frequencies_Hz, *g.damping, g.delay_s])
-        late = deviations[modes * (3 if parameters.residual else 2)]
-        wide = DEVIATIONS * np.array([*values[:-1] * deviations[: 2 * modes], T * late])
+        of_delay = T * deviations[modes * (3 if parameters.residual else 2)]
+        wide = DEVIATIONS * np.array([*values[:-1] * deviations[: 2 * modes], of_delay])
         ends = np.column_stack([values - wide, values + wide]).tolist()
         return DynamicsFinding(
             not reason,

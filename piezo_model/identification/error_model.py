@@ -5,7 +5,6 @@ Its error (5), x + Ξ(x, y)ᵀw, is referred to the input and linear in the weig
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -41,16 +40,11 @@ class ProgramSolver:
     """Number of passes over the samples."""
     programs: int = 0
 
-    @cached_property
-    def method(self) -> type[solvers.Solver]:
-        """The class of the solver, which is looked up once."""
-        return solvers.find(self.solver).load()
-
     def optimum(self, problem: IdentificationProblem) -> Vector:
         """Optimal weights (d,) of (6) in normalised units; IdentificationError if the solver fails."""
         self.programs += 1
         form = problem.form()
-        return form.weights(np.maximum(_solve(form.qp, form.c, self.method), form.qp.lb))
+        return form.weights(np.maximum(_solve(form.qp, form.c, self.solver), form.qp.lb))
 
     def minimise(self, P: Matrix, q: Vector, lb: Vector, ub: Vector, towards: Vector) -> Vector:
         """The z (k,) in a box that minimises ½ zᵀP z + qᵀz, with a proximal term towards a point."""
@@ -60,18 +54,19 @@ class ProgramSolver:
         scaled = (P + rho * np.eye(q.size)) * np.outer(D, D)
         scaled_ub = None if np.all(np.isinf(ub)) else ub / D
         qp = solvers.Problem(0.5 * (scaled + scaled.T), (q - rho * towards) * D, lb=lb / D, ub=scaled_ub)
-        return np.clip(_solve(qp, 1.0, self.method) * D, lb, ub)
+        return np.clip(_solve(qp, 1.0, self.solver) * D, lb, ub)
 
 
-def _solve(qp: solvers.Problem, c: float, method: type[solvers.Solver]) -> Vector:
+def _solve(qp: solvers.Problem, c: float, solver: str) -> Vector:
     """Solution of a box-constrained program whose cost has the constant c; IdentificationError if the solver fails."""
-    for rung in reversed(method.ladder(c)):  # the tightest tolerance may be below rounding
-        engine = method(**rung)
+    cls = solvers.find(solver).load()
+    for rung in reversed(cls.ladder(c)):  # the tightest tolerance may be below rounding
+        engine = cls(**rung)
         engine.setup(qp)
         z: Vector = engine.solve().copy()
         if engine.solution().found and np.all(np.isfinite(z)):
             return z
-    raise IdentificationError(f"the solver {method.name} found no solution")
+    raise IdentificationError(f"the solver {solver} found no solution")
 
 
 def counted_from(recording: Recording, skip: int) -> Mask:

@@ -49,8 +49,6 @@ def orthogonal(gram: Matrix, first: int) -> Matrix:
     """The Gram matrix of the other columns, made orthogonal to the first ones; 0 for a column of which only rounding
     errors remain."""
     A, B, C = gram[:first, :first], gram[:first, first:], gram[first:, first:]
-    if not first:
-        return C
     rest = C - B.T @ np.linalg.pinv(A, hermitian=True) @ B
     remains = np.diag(rest) > ROUNDING * np.diag(C)
     return np.asarray(rest * np.outer(remains, remains))

@@ -76,10 +76,9 @@ class Spectra:
                 S += np.einsum("if,jf->fij", F.conj(), F)
         f = np.fft.rfftfreq(size, self.sample_time)
         used = (f > 1.5 * f[1]) & (f < LAST / self.sample_time)
-        first = float(np.clip(FIRST / self.sample_time, *(bin * f[1] for bin in FIRST_BINS)))
-        self.f, self.ends, S = f[used], (first, HIGHEST / self.sample_time), S[used]
-        lags = np.arange(1 - TAPS, TAPS)
-        self._powers = np.exp(-2j * np.pi * self.sample_time * lags[:, None] * self.f)
+        lowest_Hz = np.clip(FIRST / self.sample_time, *(f[i] for i in FIRST_BINS))
+        self.f, self.ends, S = f[used], (float(lowest_Hz), HIGHEST / self.sample_time), S[used]
+        self._powers = np.exp(-2j * np.pi * self.sample_time * np.arange(1 - TAPS, TAPS)[:, None] * self.f)
         self._set(S)
         self._set(S / _octave_median(self.f, self._left_by_static(S))[:, None, None])
 

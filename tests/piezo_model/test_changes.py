@@ -320,7 +320,7 @@ def test_a_gain_is_refused_beside_the_lag_that_the_loop_has_whatever_became_of_i
     loaded = HysteresisCreepModel.load(tmp_path / "model.json"), *CompensatorBank.load(tmp_path / "bank.json").models
     for same in (model, model.static, model.at(5e-4), *loaded):
         assert same.require_stable(1.0, inverts=False) == pytest.approx(most, rel=0.2)
-    with pytest.raises(ModelError, match=r"integral_gain must be below .* beside a delay of 3"):
+    with pytest.raises(ModelError, match=r"integral_gain must be below .* with a delay of 3"):
         Compensator(model, integral_gain=1.1 * most, dynamics=False)
     fits = Compensator(model, integral_gain=0.5 * most, dynamics=False)
     with pytest.raises(ModelError, match="integral_gain must be below"):
