@@ -274,7 +274,9 @@ def learned(setup: Setup, cycles: int | None = None) -> Trial:
         for i, learner in enumerate(learners):
             learner.observe(x[part, i], y[part] @ setup.decoupling[i])
         done = part.stop
-    fixed = [learner.compensator for learner in learners]
+    fixed = [
+        Compensator(learner.model, learner.settings.x_limits, state=learner.compensator.state) for learner in learners
+    ]
     x[until:] = drives(fixed, q_ref[until:])
     y[until:] = stage.run(x[until:])
     return Trial(setup, x, y, stage.run(drives(fixed, setup.loop_ref @ setup.decoupling.T)), learners)

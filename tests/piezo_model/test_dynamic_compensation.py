@@ -154,9 +154,7 @@ def test_a_gain_with_which_the_loop_would_be_unstable_is_refused_and_nothing_cha
     for changed in (model, model.static):
         with pytest.raises(ModelError, match=unstable):
             Compensator(changed, integral_gain=5000.0)
-    with pytest.raises(
-        ModelError, match=r"below 6[0-9.]+ .* a delay of 131 µs, not inverted, the loop would be"
-    ):
+    with pytest.raises(ModelError, match=r"below 6[0-9.]+ .* a delay of 131 µs, not inverted, the loop would be"):
         Compensator(model, integral_gain=1000.0, dynamics=False)
     with pytest.raises(ModelError, match=unstable):
         CompensatorBank(model.structure, 2, dynamics=ONE, integral_gain=5000.0)
