@@ -67,8 +67,7 @@ def staircase(
     checks.positive(hold_s=hold_s)
     checks.whole(2, levels=levels)
     # In whole samples, so that the rounding of k Ts / hold_s never shifts a step.
-    samples_per_level = max(1, round(hold_s / sample_time))
-    step = np.arange(t.size) // samples_per_level % (2 * (levels - 1))
+    step = np.arange(t.size) // max(1, round(hold_s / sample_time)) % (2 * (levels - 1))
     return np.linspace(low, high, levels)[np.minimum(step, 2 * (levels - 1) - step)]
 
 

@@ -128,10 +128,10 @@ class DynamicsFinding:
 
     def sentences(self) -> Iterator[str]:
         """What a user should know."""
-        notable = self.gain >= NOTABLE and self.held_out_percent[1] <= self.held_out_percent[0]
-        evident = notable and max(self.damping) < LIGHTLY_DAMPED
+        without, behind = self.held_out_percent
         if self.refusal is not None or not self.kept:
-            if self.refusal is None and evident:
+            is_evident = self.gain >= NOTABLE and behind <= without and max(self.damping) < LIGHTLY_DAMPED
+            if self.refusal is None and is_evident:
                 yield (
                     f"A faint resonance near {quantity(self.frequencies_Hz[0], 'Hz', 3)} with a damping ratio of "
                     f"{100.0 * self.damping[0]:.2g} % is not in the model, since {self.reason}; record steps of 20 ms "
@@ -150,7 +150,6 @@ class DynamicsFinding:
             )
         if self.also_rings[1] > 0.0:
             yield f"The output also rings near {self.also_rings[0]:.3g} Hz, which is not in the model."
-        without, behind = self.held_out_percent
         lag = f", and the amplifier lags by {quantity(self.amplifier_lag_s, 's', 3)}" * (self.amplifier_lag_s > 0.0)
         yield (
             f"The output is delayed by {quantity(self.delay_s, 's', 3)} from the end of the sampling interval{lag}; "
@@ -435,8 +434,9 @@ class DynamicsTrials:
         prompt, own = best_fit(Parameters(Dynamics((), (), (), 0.0), T), None, lagging), parameters_of(lagging)
         samples = float(own.vector.sum())
         uncertainty = DEVIATIONS * math.sqrt(np.diag(lagging.covariance)[self.structure.d + 1 :].max())
-        gains = lagging.cost < (1.0 - LAG_GAIN) ** 2 * prompt.cost
-        is_significant = gains and samples > max(SMALLEST_LAG, uncertainty)
+        is_significant = samples > max(SMALLEST_LAG, uncertainty) and (
+            lagging.cost < (1.0 - LAG_GAIN) ** 2 * prompt.cost
+        )
         at_edge = bool(own.vector.max() > LONGEST - RESOLUTION)
         certain, remove = is_significant and not at_edge, option == "remove"
         return lagging, Lag(
@@ -481,12 +481,16 @@ class DynamicsTrials:
         if falls and rest is not None and (cost := refit(_ringing(best, rest, T), 1).cost) < 0.5 * best.cost:
             also = rest.frequency_Hz, self.percent(best.cost - cost)
         reason = next((why for why, applies in reasons.items() if applies), "")
-        moves = [((f, f), 0.0) if reason else movement(best, i, T, refit) for i, f in enumerate(g.frequencies_Hz)]
+        still = tuple((f, f) for f in g.frequencies_Hz)
+        moves = [(ends, 0.0) if reason else movement(best, i, T, refit) for i, ends in enumerate(still)]
         moves_Hz, spread = zip(*moves, strict=True)
+        too_far = (high - low > zeta * low for zeta, (low, high) in zip(g.damping, moves_Hz, strict=True))
+        if any(too_far) and without**2 - behind**2 < RINGING**2:  # residual hysteresis looks like such a mode
+            reason, moves_Hz = "it moves with the amplitude or the position", still
         deviations[:modes] = np.hypot(deviations[:modes], spread)
         values = np.array([*g.frequencies_Hz, *g.damping, g.delay_s])
-        of_delay = T * deviations[modes * (3 if parameters.residual else 2)]
-        wide = DEVIATIONS * np.array([*values[:-1] * deviations[: 2 * modes], of_delay])
+        of_delay = 3 * modes if parameters.residual else 2 * modes
+        wide = DEVIATIONS * np.array([*values[:-1] * deviations[: 2 * modes], T * deviations[of_delay]])
         ends = np.column_stack([values - wide, values + wide]).tolist()
         return DynamicsFinding(
             not reason,

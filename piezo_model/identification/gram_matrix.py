@@ -83,7 +83,7 @@ def gram_of(
             if not counted[samples].all():
                 chosen = chosen[counted[samples]]
             gram, count = gram + chosen.T @ chosen, count + weight * len(chosen)
-        total = total + weight * orthogonal(gram, ringing.shape[1])
+        total = total + weight * (orthogonal(gram, ringing.shape[1]) if ringing.size else gram)
     plays = (highest - lowest > STILL)[: s.n + 1]
     moved = np.ones(s.d, dtype=bool)  # a piece of S⁻¹ that the output never enters has a column of zeros
     moved[s.slices[0]], moved[s.slices[2]] = plays[1:], plays[: s.creep_weights]

@@ -46,9 +46,10 @@ def initial_ringing(dynamics: Sequence[Dynamics | None], recording: Recording, e
 
 
 def orthogonal(gram: Matrix, first: int) -> Matrix:
-    """The Gram matrix of the other columns, made orthogonal to the first ones; 0 for a column of which only rounding
-    errors remain."""
+    """The Gram matrix of the other columns, made orthogonal to the first ones, without the negative eigenvalues of
+    rounding errors; a column of which only these remain has squares of their size."""
     A, B, C = gram[:first, :first], gram[:first, first:], gram[first:, first:]
     rest = C - B.T @ np.linalg.pinv(A, hermitian=True) @ B
-    remains = np.diag(rest) > ROUNDING * np.diag(C)
-    return np.asarray(rest * np.outer(remains, remains))
+    scale = np.sqrt(np.maximum(np.diag(rest), ROUNDING * np.diag(C)) + np.finfo(float).tiny)
+    eigenvalues, V = np.linalg.eigh(rest / np.outer(scale, scale))
+    return np.asarray((V * np.maximum(eigenvalues, 0.0)) @ V.T * np.outer(scale, scale))

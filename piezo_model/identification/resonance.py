@@ -65,8 +65,7 @@ class Spectra:
         self.sample_time, self.samples = recording.sample_time, recording.length
         low, high = recording.x_range
         u = (2.0 * recording.x - low - high) / (high - low)
-        z = play(u, np.array(PLAYS), np.full(len(PLAYS), u[0]))[0]
-        columns = np.vstack([u, z.T, recording.y])
+        columns = np.vstack([u, play(u, np.array(PLAYS), np.full(len(PLAYS), u[0]))[0].T, recording.y])
         size = segment_of(recording)
         window, S = np.hanning(size), np.zeros((size // 2 + 1, len(columns), len(columns)), dtype=complex)
         for part in recording.parts:

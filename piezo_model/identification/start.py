@@ -97,8 +97,7 @@ def prepare(
         refuse_too_little_data(recording, counted_from(recording, skip or 0), s, skip or 0)
         return _fit_from_best_starts(recording, s, skip or 0, qp_solver, state)
     s = _with_sign(recording, _with_output_range(recording, s, skip or 0, fit_range), skip or 0, qp_solver)
-    single = len(recording.starts) == 1
-    head = initial_segment(recording, s, GRAM_SAMPLES) if single else recording
+    head = initial_segment(recording, s, GRAM_SAMPLES) if len(recording.starts) == 1 else recording
     initial = _fit_from_best_starts(head, s, skip or 0, qp_solver)
     longest = longest_transient(head) if skip is None else 0
     if longest:

@@ -1,5 +1,6 @@
 """The report's page in a real browser, opened from disk."""
 
+import json
 import re
 from pathlib import Path
 
@@ -18,6 +19,9 @@ from bench.report.report import BEST, Axis, Figure, Mark, Plot, Report, best_lin
 from bench.report.words import marked
 from bench.report.writing import write_page
 from bench.store import Run
+
+EVIL = "<img src=x onerror=\"document.title='run'\"></script><script>document.title='run'</script>"
+NAME = EVIL.replace("/", "")
 
 
 def written(run: Run) -> Path:
@@ -191,6 +195,25 @@ def test_the_page_is_one_small_file_that_links_to_the_data_of_each_plot(browser:
     links = browser.run("return [...document.querySelectorAll('.note a')].map(link => link.getAttribute('href'))")
     assert len(links) >= 4
     assert all(len(pd.read_csv(page.parent / link)) for link in links)
+
+
+@pytest.mark.slow
+def test_names_with_markup_and_script_are_shown_as_text(browser: Browser, wide_race: Race, tmp_path: Path) -> None:
+    def evil(rows: pd.DataFrame) -> pd.DataFrame:
+        rows = rows.assign(solver=rows.solver.replace("daqp", NAME), message=EVIL, problem=rows.problem + NAME)
+        return rows.assign(settings=rows.settings.where(rows.solver != NAME, json.dumps({EVIL: EVIL})))
+
+    folder = tmp_path / "<img src=x onerror=document.title='run'>"
+    run = wide_race.copied(folder, evil, machine={"warnings": [EVIL]}, lanes={EVIL: EVIL})
+    browser.open(written(run))
+    assert browser.console() == []
+    assert browser.run("return document.title") == f"Race {folder.name}"
+    assert browser.run("return document.querySelectorAll('main img, header img').length") == 0
+    assert NAME in column(browser, "solver")
+    assert any(
+        EVIL[:16] in text
+        for text in browser.run("return [...document.querySelectorAll('.plot svg text')].map(t => t.textContent)")
+    )
 
 
 def test_a_race_without_answers_has_a_page(browser: Browser, wide_race: Race, tmp_path: Path) -> None:

@@ -70,6 +70,17 @@ def test_creep_at_a_held_input_is_the_exact_exponential(x: float, z: float, r: f
     np.testing.assert_allclose(last, end + (z - end) * np.exp(-rate * Ts * 50), rtol=0, atol=1e-13)
 
 
+def test_creep_does_not_see_the_input_of_its_own_sample() -> None:
+    a, b = (creep([0.0, 0.4, last], [0.0], [50.0], 1e-3, [0.1])[0] for last in (-1.0, 1.0))
+    np.testing.assert_array_equal(a, b)
+
+
+def test_two_short_sampling_periods_of_creep_are_one_long_one() -> None:
+    x = np.repeat(np.random.default_rng(0).uniform(-1, 1, 30), 2)
+    short, long = creep(x, [0.2], [30.0], 1e-3, [0.5])[0], creep(x[::2], [0.2], [30.0], 2e-3, [0.5])[0]
+    np.testing.assert_allclose(short[::2], long, rtol=0, atol=1e-14)
+
+
 @given(cases())
 def test_simulation_is_equation_2_as_plain_numpy_computes_it(case: Case) -> None:
     s, model, z = case.structure, case.model, case.state

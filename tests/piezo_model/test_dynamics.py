@@ -33,6 +33,7 @@ from piezo_model.identification.dynamics_parameters import Parameters
 from piezo_model.identification.error_model import ProgramSolver
 from piezo_model.identification.forward import Box, fit_forward
 from piezo_model.identification.resonance import Spectra
+from piezo_model.operators import play
 
 ONE = Dynamics((500.0,), (0.01,), (1.0,), 1.3125 * T)
 TWO = Dynamics((120.0, 900.0), (0.03, 0.01), (0.8, 0.15), 0.5 * T)
@@ -391,6 +392,17 @@ def test_no_resonance_is_found_where_there_is_none(kind: str, drive: str, noise_
     model = identify(made(kind, drive, (), noise_um, size=SIZE // 2), n=5, m=3, force=True)
     assert model.dynamics is None or not model.dynamics.frequencies_Hz
     assert not any("resonance" in sentence for sentence in model.report["sentences"])
+
+
+@pytest.mark.parametrize("seed", [7, 21, 22, 27])
+def test_a_backlash_whose_corners_look_like_a_resonance_has_a_model_without_one(seed: int) -> None:
+    rng, k = np.random.default_rng(seed), np.arange(2000)
+    turns = k * rng.uniform(2.0, 20.0) / k.size
+    u = 0.5 - 0.5 * np.cos(2.0 * np.pi * turns) if seed % 2 else np.abs(2.0 * (turns % 1.0) - 1.0)
+    y = play(u, np.array([rng.uniform(0.05, 0.3)]), u[:1])[0][:, 0] + 0.02 * u
+    y = y - 0.3 * (y - 0.5) ** 3 * (seed % 3 == 0) + 1e-5 * rng.normal(size=k.size)
+    dynamics = identify(Recording.from_arrays(100.0 * u, y, 1e-3)).dynamics
+    assert dynamics is None or not dynamics.frequencies_Hz
 
 
 def test_where_one_mode_gains_nothing_over_none_no_richer_dynamics_are_tried() -> None:

@@ -236,7 +236,39 @@ def test_bouc_wen_solves_its_equation():
     np.testing.assert_allclose(h, exact, atol=1e-5)
 
 
+def gap_of_one_minor_loop(plant):
+    plant.run(ramp(0.0, 150.0, 60.0))
+    loop = plant.run(ramp(60.0, 90.0, 60.0))
+    return abs(loop[-1] - loop[0])
+
+
+def test_a_minor_loop_of_bouc_wen_does_not_close_and_those_of_the_others_do():
+    gaps = {name: gap_of_one_minor_loop(plants.get(name, creep_share=0.0)) for name in NAMES}
+    assert gaps["bouc_wen"] > 0.2
+    assert gaps["relay_preisach"] < 1e-10
+    assert gaps["dense_prandtl_ishlinskii"] < 1e-10
+
+
 # The plants are not in the model class
+
+
+def voltage_width_of_minor_loop(name, low):
+    """Largest width, V, of the loop between low and low + 30 V, measured along the voltage at constant displacement."""
+    x = np.linspace(low, low + 30.0, 301)
+    plant = plants.get(name, creep_share=0.0)
+    plant.run(ramp(0.0, low))
+    for _ in range(20):
+        up, down = plant.run(x), plant.run(x[::-1])[::-1]
+    levels = np.linspace(up[0], up[-1], 400)
+    return float((np.interp(levels, up, x) - np.interp(levels, down, x)).max())
+
+
+def test_the_width_of_a_minor_loop_changes_with_its_bias_for_preisach_as_it_cannot_for_prandtl_ishlinskii():
+    # y = S[H[x]] with a memoryless S: the width along x at constant y is that of H, the same at each bias.
+    biases = (0.0, 30.0, 60.0, 90.0, 120.0)
+    widths = {name: [voltage_width_of_minor_loop(name, low) for low in biases] for name in NAMES}
+    assert max(widths["dense_prandtl_ishlinskii"]) / min(widths["dense_prandtl_ishlinskii"]) < 1.001
+    assert max(widths["relay_preisach"]) / min(widths["relay_preisach"]) > 1.5
 
 
 def residual_of_the_model_class(x, y, n, m):
@@ -262,6 +294,13 @@ def test_a_model_of_the_papers_size_comes_near_and_leaves_a_residual_without_any
     )
     residual = residual_of_the_model_class(x, plants.get(name, sample_time=TS).run(x), n=5, m=3)
     assert 5e-4 < residual < 5e-2
+
+
+def test_the_residual_of_the_dense_plant_falls_as_the_model_grows():
+    x = walk(20.0)
+    y = plants.get("dense_prandtl_ishlinskii", sample_time=TS).run(x)
+    small, large = (residual_of_the_model_class(x, y, n, m) for n, m in ((5, 3), (19, 9)))
+    assert large < small / 3.0
 
 
 def test_a_stage_in_a_flexure_moves_as_one_that_is_integrated_on_a_finer_grid():

@@ -19,8 +19,7 @@ ENCODINGS = {"utf-8": "", "latin-1": " in Latin-1", "utf-16-le": " in UTF-16", "
 
 def open_text(path: Path, header_row: int | None, decimal: str | None) -> list[Table]:
     """The tables of a file."""
-    source = Source(path, lambda: path.open("rb"), path.stat().st_size)
-    return tables_of(source, header_row, decimal)
+    return tables_of(Source(path, lambda: path.open("rb"), path.stat().st_size), header_row, decimal)
 
 
 def tables_of(source: Source, header_row: int | None, decimal: str | None) -> list[Table]:
