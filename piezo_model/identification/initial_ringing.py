@@ -47,9 +47,10 @@ def initial_ringing(dynamics: Sequence[Dynamics | None], recording: Recording, e
 
 def orthogonal(gram: Matrix, first: int) -> Matrix:
     """The Gram matrix of the other columns, made orthogonal to the first ones, without the negative eigenvalues of
-    rounding errors; a column of which only these remain has squares of their size."""
+    rounding errors; 0 for a column of which only these remain."""
     A, B, C = gram[:first, :first], gram[:first, first:], gram[first:, first:]
     rest = C - B.T @ np.linalg.pinv(A, hermitian=True) @ B
-    scale = np.sqrt(np.maximum(np.diag(rest), ROUNDING * np.diag(C)) + np.finfo(float).tiny)
-    eigenvalues, V = np.linalg.eigh(rest / np.outer(scale, scale))
-    return np.asarray((V * np.maximum(eigenvalues, 0.0)) @ V.T * np.outer(scale, scale))
+    sizes = np.sqrt(np.where(np.diag(rest) > ROUNDING * np.diag(C), np.diag(rest), 0.0))
+    scale = np.outer(sizes, sizes)
+    eigenvalues, V = np.linalg.eigh(np.divide(rest, scale, out=np.zeros_like(rest), where=scale > 0.0))
+    return np.asarray((V * np.maximum(eigenvalues, 0.0)) @ V.T * scale)
