@@ -35,6 +35,7 @@ from piezo_model import checks
 from piezo_model.dynamics import HIGHEST, Dynamics
 from piezo_model.identification.autocorrelation import DEVIATIONS, autocorrelation_time
 from piezo_model.identification.creep import candidate_rates
+from piezo_model.identification.drive import orders_within
 from piezo_model.identification.dynamics_parameters import LONGEST, SMALLEST_GAIN, Parameters
 from piezo_model.identification.error_model import (
     IdentificationError,
@@ -315,8 +316,11 @@ def _is_plausible(peak: Peak, spectra: Spectra) -> bool:
 
 def _through_inverse(recording: Recording, dynamics: Dynamics) -> Recording:
     """The recording with its output filtered by the inverse of G, up to a bandwidth."""
-    y = [dynamics.anticipated(recording.y[part], recording.sample_time) for part in recording.parts]
-    return _as_of_static(recording, dynamics, np.concatenate(y))
+    return _as_of_static(
+        recording,
+        dynamics,
+        np.concatenate([dynamics.anticipated(recording.y[part], recording.sample_time) for part in recording.parts]),
+    )
 
 
 def _as_of_static(recording: Recording, dynamics: Dynamics, y: Vector) -> Recording:
@@ -351,8 +355,8 @@ class DynamicsTrials:
         of these may be longer than the recording."""
         late = min(int(LONGEST), recording.length // 10)  # the first outputs may follow an earlier drive
         own, counted = initial.structure, counted_from(recording, initial.skip + late)
-        s = with_orders(own, *orders, own.creep_rates or candidate_rates(recording.sample_time, recording.duration_s))
-        s = union_of([own, s])
+        rates = own.creep_rates or candidate_rates(recording.sample_time, recording.duration_s)
+        s = union_of([own, with_orders(own, *orders_within(recording.x, *orders), rates)])
         states = [state_on(own, state, s) for state in initial.fit.states]
         problem = accumulate(inverse.head(recording.length), counted, s, states, qp_solver)
         return cls(recording, counted, s, states, s.inverse_slope_map @ qp_solver.optimum(problem), qp_solver)
