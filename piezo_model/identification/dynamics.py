@@ -35,7 +35,7 @@ from piezo_model import checks
 from piezo_model.dynamics import HIGHEST, Dynamics
 from piezo_model.identification.autocorrelation import DEVIATIONS, autocorrelation_time
 from piezo_model.identification.creep import candidate_rates
-from piezo_model.identification.drive import orders_within
+from piezo_model.identification.drive import TOO_FEW, level_count
 from piezo_model.identification.dynamics_parameters import LONGEST, SMALLEST_GAIN, Parameters
 from piezo_model.identification.error_model import (
     IdentificationError,
@@ -353,10 +353,12 @@ class DynamicsTrials:
     ) -> DynamicsTrials:
         """Trials that start from the first fit of a static stage, namely of the recording filtered by an inverse; both
         of these may be longer than the recording."""
-        late = min(int(LONGEST), recording.length // 10)  # the first outputs may follow an earlier drive
-        own, counted = initial.structure, counted_from(recording, initial.skip + late)
+        # the first outputs may follow an earlier drive
+        counted = counted_from(recording, initial.skip + min(int(LONGEST), recording.length // 10))
+        own = initial.structure
         rates = own.creep_rates or candidate_rates(recording.sample_time, recording.duration_s)
-        s = union_of([own, with_orders(own, *orders_within(recording.x, *orders), rates)])
+        # few levels determine no hysteresis
+        s = own if 0 < level_count(recording.x) <= TOO_FEW else union_of([own, with_orders(own, *orders, rates)])
         states = [state_on(own, state, s) for state in initial.fit.states]
         problem = accumulate(inverse.head(recording.length), counted, s, states, qp_solver)
         return cls(recording, counted, s, states, s.inverse_slope_map @ qp_solver.optimum(problem), qp_solver)
