@@ -81,10 +81,9 @@ the logarithms of two frequencies; largest damping ratio of a further mode, and 
 since residual hysteresis looks like a mode with more."""
 SMALLEST_LAG, LAG_GAIN, CLEAR, RESOLUTION, LAG_STEPS = 0.1, 0.1, 0.5, 0.01, 10
 """Of a lag: the smallest in samples that is significant; smallest relative gain of the error; largest ratio of the
-squared errors with an amplifier's lag to those with a delay alone, since a smooth drive hardly distinguishes the two,
-and with a mode of few periods to those without;
-distance from the search limit, in samples, at which the lag may be longer; most steps of the fit, each of which moves
-by about a sample."""
+squared errors with an amplifier's lag to those with a delay alone, since a smooth drive hardly distinguishes the two
+(and of those with a mode of few periods to those without); distance from the search limit, in samples, at which the lag
+may be longer; most steps of the fit, each of which moves by about a sample."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +118,7 @@ class DynamicsFinding:
                 "modes of the model do not describe; record with a smoother drive that does not excite this resonance"
             )
         for zeta, (low, high) in zip(self.damping, self.moves_Hz, strict=True):
-            if high - low > zeta * low:
+            if _moves_too_far(zeta, (low, high)):
                 return (
                     f"the resonance moves from {low:.4g} to {high:.4g} Hz with the amplitude or the position, too far "
                     f"for a linear mode with a damping ratio of {100.0 * zeta:.2g} %; record at the amplitude and the "
@@ -142,12 +141,12 @@ class DynamicsFinding:
         within = self.intervals["frequencies_Hz"]
         for f, zeta, (low, high), moves in zip(self.frequencies_Hz, self.damping, within, self.moves_Hz, strict=True):
             between = f" ({low:.5g} to {high:.5g} Hz)" * (f"{low:.5g}" != f"{high:.5g}")
-            ratio = f"a damping ratio of {100.0 * zeta:.3g} %"
             amplifies = f", which amplifies errors of the static part near it by up to {0.5 / zeta:.2g} times"
             moving = f" It moves from {moves[0]:.5g} to {moves[1]:.5g} Hz with the amplitude or the position."
             yield (
-                f"The stage has a resonance at {quantity(f, 'Hz', 5)}{between} with {ratio}"
-                f"{amplifies * (zeta < LIGHTLY_DAMPED)}.{moving * (moves[1] - moves[0] > NOTABLE * zeta * moves[0])}"
+                f"The stage has a resonance at {quantity(f, 'Hz', 5)}{between} with a damping ratio of "
+                f"{100.0 * zeta:.3g} %{amplifies * (zeta < LIGHTLY_DAMPED)}."
+                f"{moving * (moves[1] - moves[0] > NOTABLE * zeta * moves[0])}"
             )
         if self.also_rings[1] > 0.0:
             yield f"The output also rings near {self.also_rings[0]:.3g} Hz, which is not in the model."
@@ -303,6 +302,11 @@ def _beside(spectra: Spectra, g: Dynamics) -> Peak | None:
     peak = spectra.peak([*zip(g.frequencies_Hz, g.damping, strict=True)])
     apart = all(abs(math.log(peak.frequency_Hz / f)) > APART for f in g.frequencies_Hz)
     return peak if apart and peak.damping < LIGHTLY_DAMPED and _is_plausible(peak, spectra) else None
+
+
+def _moves_too_far(zeta: float, ends: tuple[float, float]) -> bool:
+    """True if a frequency moves by more than a linear mode of this damping ratio is wide."""
+    return ends[1] - ends[0] > zeta * ends[0]
 
 
 def _is_plausible(peak: Peak, spectra: Spectra) -> bool:
@@ -490,8 +494,8 @@ class DynamicsTrials:
         still = tuple((f, f) for f in g.frequencies_Hz)
         moves = [(ends, 0.0) if reason else movement(best, i, T, refit) for i, ends in enumerate(still)]
         moves_Hz, spread = zip(*moves, strict=True)
-        too_far = (high - low > zeta * low for zeta, (low, high) in zip(g.damping, moves_Hz, strict=True))
-        if any(too_far) and without**2 - behind**2 < RINGING**2:  # residual hysteresis looks like such a mode
+        if without**2 - behind**2 < RINGING**2 and any(map(_moves_too_far, g.damping, moves_Hz)):
+            # residual hysteresis looks like such a mode
             reason, moves_Hz = "it moves with the amplitude or the position", still
         deviations[:modes] = np.hypot(deviations[:modes], spread)
         values = np.array([*g.frequencies_Hz, *g.damping, g.delay_s])
