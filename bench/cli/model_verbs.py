@@ -34,8 +34,8 @@ from bench.processes.engine import Workers
 from bench.report.console import console, print_result, progress_bar
 from bench.report.fit_review import review
 from piezo_model import Recording, checks, deployment, recordings
-from piezo_model.identification.dynamics import DynamicsChoice, LagChoice
 from piezo_model.identification.identify import Estimator
+from piezo_model.identification.lag import DynamicsChoice, LagChoice
 from piezo_model.model import ModelError
 from piezo_model.units import quantity
 

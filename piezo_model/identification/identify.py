@@ -24,7 +24,7 @@ from piezo_model.figures import figures_of
 from piezo_model.identification.adequacy import Adequacy, check_adequacy
 from piezo_model.identification.creep import CreepEvidence, Drift, Estimate, determine
 from piezo_model.identification.drive import identifiability_of, orders_within
-from piezo_model.identification.dynamics import DynamicsChoice, LagChoice, StaticView, separate
+from piezo_model.identification.dynamics import StaticView, separate
 from piezo_model.identification.dynamics_parameters import Parameters
 from piezo_model.identification.error_model import (
     IdentificationError,
@@ -39,6 +39,7 @@ from piezo_model.identification.fit_errors import Fit, fit_of
 from piezo_model.identification.forward import Columns, ForwardFit, fit_forward
 from piezo_model.identification.gram_matrix import SAME_PERIOD
 from piezo_model.identification.intervals import intervals
+from piezo_model.identification.lag import DynamicsChoice, LagChoice
 from piezo_model.identification.report import FitReport
 from piezo_model.identification.selection import (
     HYSTERESIS_ORDERS,

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
-from piezo_model.dynamics import HIGHEST, poles
+from piezo_model.dynamics import HIGHEST, Dynamics, poles
 from piezo_model.operators import play
 from piezo_model.recordings import Recording
 from solvers.arrays import Matrix, Vector
@@ -41,6 +41,12 @@ SIMPLEX = np.array([[0.0, 0.0], [0.67 * np.log(RATIO), 0.0], [0.0, 0.5]])
 MEDIANS, BATCH, TAPS = 120, 16, 3
 """Medians of a spectrum; modes tried at once, whose responses fit into the cache; taps of the residual compliance, for
 a delay of up to two samples."""
+GAIN, CHANCE_GAIN, LEAST_DAMPED, MOST_DAMPED = 0.02, 36.0, 1e-3, 0.9
+"""Smallest fraction of the whitened squares that a mode has to explain, and the same in samples: its twelve unknowns
+explain twelve samples of noise, and the best of a scan three times as many; bounds of a damping ratio."""
+APART, LIGHTLY_DAMPED = 0.1, 0.25
+"""Smallest difference of the logarithms of two frequencies; largest damping ratio of a further mode, since residual
+hysteresis looks like a mode with more."""
 Mode = tuple[float, float]
 """Frequency in Hz and damping ratio."""
 
@@ -56,6 +62,14 @@ class Peak:
     """True if the frequency is not at an end of the scan."""
     share: float
     """Its share of the static gain; the rest is residual compliance."""
+    samples: int
+    """Samples of the recording."""
+
+    @property
+    def is_plausible(self) -> bool:
+        """True if the peak may be a mode."""
+        gains = self.gain > max(GAIN, CHANCE_GAIN / self.samples)
+        return gains and self.inside and LEAST_DAMPED < self.damping < MOST_DAMPED
 
 
 class Spectra:
@@ -133,7 +147,13 @@ class Spectra:
         gain = 1.0 - (self.squares - best.explained()) / before if before > 0.0 else 0.0
         gains, (f, zeta) = best.coefficients().sum(axis=-1), mode(result.x).tolist()
         inside = bool(ends[0] * MARGIN < f < ends[1] / MARGIN)
-        return Peak(f, zeta, float(gain), inside, float(gains[-2:].sum() / gains.sum()))
+        return Peak(f, zeta, float(gain), inside, float(gains[-2:].sum() / gains.sum()), self.samples)
+
+    def beside(self, g: Dynamics) -> Peak | None:
+        """A plausible mode in addition to those of G; None without one."""
+        peak = self.peak([*zip(g.frequencies_Hz, g.damping, strict=True)])
+        apart = all(abs(math.log(peak.frequency_Hz / f)) > APART for f in g.frequencies_Hz)
+        return peak if apart and peak.damping < LIGHTLY_DAMPED and peak.is_plausible else None
 
 
 @dataclass(frozen=True)

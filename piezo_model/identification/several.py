@@ -20,7 +20,7 @@ import numpy as np
 
 from piezo_model.identification.creep import CreepEvidence, Estimate, candidate_rates, determine
 from piezo_model.identification.drive import identifiability_of
-from piezo_model.identification.dynamics import LagChoice, StaticView
+from piezo_model.identification.dynamics import StaticView
 from piezo_model.identification.error_model import (
     IdentificationError,
     ProgramSolver,
@@ -31,6 +31,7 @@ from piezo_model.identification.error_model import (
 from piezo_model.identification.fit_errors import Fit, fit_of
 from piezo_model.identification.forward import EXACT, Columns, ForwardFit, fit_forward
 from piezo_model.identification.gram_matrix import at_period
+from piezo_model.identification.lag import LagChoice
 from piezo_model.identification.start import SEARCHED, InitialFit
 from piezo_model.recordings import Recording
 from piezo_model.recordings.several import Recordings

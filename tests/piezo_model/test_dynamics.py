@@ -28,11 +28,10 @@ from piezo_model import (
     plants,
     signals,
 )
-from piezo_model.identification.dynamics import GAIN
 from piezo_model.identification.dynamics_parameters import Parameters
 from piezo_model.identification.error_model import ProgramSolver
 from piezo_model.identification.forward import Box, fit_forward
-from piezo_model.identification.resonance import Spectra
+from piezo_model.identification.resonance import GAIN, Spectra
 from piezo_model.operators import play
 
 ONE = Dynamics((500.0,), (0.01,), (1.0,), 1.3125 * T)

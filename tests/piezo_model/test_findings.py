@@ -1,6 +1,6 @@
 """Sentences about an identification have the digits that make a difference."""
 
-from piezo_model.identification.dynamics import DynamicsFinding
+from piezo_model.identification.dynamics_finding import DynamicsFinding
 
 
 def resonance(low: float, high: float, amplifier_lag_s: float = 0.0) -> list[str]:
