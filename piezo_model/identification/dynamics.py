@@ -22,7 +22,7 @@ from piezo_model import checks
 from piezo_model.dynamics import Dynamics
 from piezo_model.identification.dynamics_finding import DynamicsFinding
 from piezo_model.identification.dynamics_parameters import LONGEST, SMALLEST_GAIN, Parameters
-from piezo_model.identification.dynamics_trials import DynamicsTrials, as_of_static, parameters_of
+from piezo_model.identification.dynamics_trials import COARSE, DynamicsTrials, as_of_static, parameters_of
 from piezo_model.identification.error_model import IdentificationError, ProgramSolver
 from piezo_model.identification.lag import DynamicsChoice, Lag, LagChoice, fit_lag
 from piezo_model.identification.resonance import SHORTEST_SEGMENT, Spectra, segment_of
@@ -97,7 +97,8 @@ def _with_modes(
     best, rest = trials.best(none, Parameters(begin, T, free=True, residual=share < 1.0), spectra)
     if best is None:
         return None, None
-    finding = trials.judge(none, best, peak.gain, rest)
+    coarse = DynamicsTrials.of(head, inverse, initial, qp_solver, COARSE)
+    finding = trials.judge(none, best, peak.gain, rest, coarse)
     if not finding.kept:
         return None, finding
     static = trials.without_dynamics(recording, best)

@@ -31,9 +31,11 @@ from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Mask, Vector
 
-ORDERS = 20, 5
+ORDERS, COARSE = (20, 5), (10, 5)
 """Orders n and m of the fits, in addition to those of the start: with too few plays, residual hysteresis is mistaken
-for dynamics and shifts the frequency."""
+for dynamics and shifts the frequency; those of a fit whose difference shows by how much."""
+APPROXIMATE_DAMPING, APPROXIMATE_DELAY = 0.01, 0.03
+"""Standard deviations of damping (relative) and delay (samples) if nothing were left but creep of unknown rates."""
 STEPS, FOLD_STEPS, RECENTRED = 6, 1, 7
 """Steps of a fit, and of a fit without some of the blocks; most further fits around a lightly damped mode."""
 PERIODS, SHORTEST, FEW, CLEAR, CHANCE, SIGNIFICANT = 3.0, 20, 16.0, 0.5, 1e-3, 4.0
@@ -144,8 +146,10 @@ class DynamicsTrials:
                 rest = spectra.beside(parameters_of(best).start)
         return better(best, replace(parameters_of(best), with_lag=True)), rest
 
-    def judge(self, none: ForwardFit, best: ForwardFit, gain: float, rest: Peak | None) -> DynamicsFinding:
-        """Decide whether to keep the dynamics."""
+    def judge(
+        self, none: ForwardFit, best: ForwardFit, gain: float, rest: Peak | None, coarse: DynamicsTrials
+    ) -> DynamicsFinding:
+        """Decide whether to keep the dynamics, whose uncertainty includes the difference to a fit of coarse trials."""
         g, T, count = parameters_of(best).start, self.recording.sample_time, int(np.count_nonzero(self.counted))
         block = max(SHORTEST, round(PERIODS / g.frequencies_Hz[0] / T))
         before, after = (self._held_out(fit, block) for fit in (none, best))
@@ -156,7 +160,6 @@ class DynamicsTrials:
         highest = CLEAR if g.frequencies_Hz[0] * T * segment_of(self.recording) < FEW else 1.0
         falls = after.sum() < highest * before.sum() and (chance < CHANCE or gains.mean() > SIGNIFICANT * deviation)
         d, parameters, modes = self.structure.d, parameters_of(best), len(g.frequencies_Hz)
-        deviations = parameters.deviations(best.covariance[d:, d:])  # 0 for parameters that are not free
         reasons = {
             "its frequency or damping is at a bound of the search": not np.all(best.free[d:][: 2 * modes]),
             "its frequency or damping is out of range for this sampling rate": not all(
@@ -180,11 +183,14 @@ class DynamicsTrials:
         if without**2 - behind**2 < RINGING**2 and any(map(moves_too_far, g.damping, moves_Hz)):
             # residual hysteresis looks like such a mode
             reason, moves_Hz = "it moves with the amplitude or the position", still
-        deviations[:modes] = np.hypot(deviations[:modes], spread)
-        values = np.array([*g.frequencies_Hz, *g.damping, g.delay_s])
+        change = 0.0 if reason else parameters_of(coarse.fit(parameters)).vector - parameters.vector
+        covariance = best.covariance[d:, d:] + np.outer(change, change)
         of_delay = 3 * modes if parameters.residual else 2 * modes
-        wide = DEVIATIONS * np.array([*values[:-1] * deviations[: 2 * modes], T * deviations[of_delay]])
-        ends = np.column_stack([values - wide, values + wide]).tolist()
+        approximate = *spread, *[APPROXIMATE_DAMPING] * modes, APPROXIMATE_DELAY
+        deviations = np.hypot(parameters.deviations(covariance)[[*range(2 * modes), of_delay]], approximate)
+        values = np.array([*g.frequencies_Hz, *g.damping, g.delay_s])
+        wide = DEVIATIONS * deviations * [*values[:-1], T]
+        ends = np.column_stack([np.maximum(values - wide, 0.0), values + wide]).tolist()
         return DynamicsFinding(
             not reason,
             g.frequencies_Hz,
