@@ -20,9 +20,9 @@ from numpy.typing import ArrayLike, NDArray
 from piezo_model import checks
 from piezo_model.compensator import blend_factor, drive_memory, drive_settings
 from piezo_model.core import State, Stateful, bindings
-from piezo_model.deployment import LearnerFile, read_learner, write_learner
 from piezo_model.dynamics import Dynamics, KnownDynamics
 from piezo_model.json_file import LARGEST, convert
+from piezo_model.learning.learner_file import LearnerFile, read_learner, write_learner
 from piezo_model.learning.settings import MEMORY, LearningSettings, learner_numbers, write_settings
 from piezo_model.model import HysteresisCreepModel, ModelError
 from piezo_model.operator_state import drive_start

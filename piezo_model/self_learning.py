@@ -23,11 +23,11 @@ import solvers
 from piezo_model import checks, json_file
 from piezo_model.compensator import Compensator, CompensatorState
 from piezo_model.core import State, Stateful, bindings
-from piezo_model.deployment import Deployment, LearnerFile, read_learner, write_learner
 from piezo_model.identification_problem import Excitation, IdentificationProblem
 from piezo_model.json_file import Number
 from piezo_model.learning.driven_range import PIECE_S, DrivenRange, carried_over
 from piezo_model.learning.events import MESSAGES, BlockEvent, Event, Phase, Verdict
+from piezo_model.learning.learner_file import read_learner, write_learner
 from piezo_model.learning.settings import (
     CHECKPOINT_S,
     CLOCK,
@@ -384,44 +384,16 @@ class SelfLearningCompensator(Stateful):
         write_learner(path, asdict(self.settings), self.get_state())
 
     @classmethod
-    def load(cls, path: str | Path, **options: Any) -> Self:
-        """Continue, to the last bit, from a file of :meth:`save`, or start from one of ``piezobench deploy``.
-
-        Parameters
-        ----------
-        path : str or Path
-        **options
-            Parameters of the class for a start, which override those of the file.
-
-        Raises
-        ------
-        ModelError
-            The file is neither of them, or damaged; the message names it.
-        """
-        if json_file.format_of(path) == LearnerFile.FORMAT:
-            if options:
-                raise ValueError(
-                    f"{path} resumes with the settings it was saved with, so {sorted(options)[0]} must not be given"
-                )
-            fields, state = read_learner(path)
-            with checks.refusing(ModelError, f"{path}: does not hold a whole compensator: "):
-                settings = json_file.convert(fields, LearningSettings)
-                named = {**(settings.solver_options or {}), "lane": "", "setting": ""}
-                # a library could take a text for the name of a file to write
-                if texts := [name for name, value in named.items() if value and isinstance(value, str | list | dict)]:
-                    raise ValueError(f"the solver's option {texts[0]} is no number, and a file sets only numbers")
-                return cls._resumed(settings, state)
-        deployment = Deployment.load(path)
-        options = {
-            "solver": deployment.solver,
-            "x_limits": deployment.x_limits,
-            "mode": deployment.mode,
-            "model": deployment.model,
-            "solver_options": deployment.options,
-            **options,
-        }
-        with checks.refusing(ModelError, f"{path}: "):
-            return cls(deployment.model.structure, **options)
+    def load(cls, path: str | Path) -> Self:
+        """Continue, to the last bit, from a file of :meth:`save`; ModelError names what is wrong with it."""
+        fields, state = read_learner(path)
+        with checks.refusing(ModelError, f"{path}: does not hold a whole compensator: "):
+            settings = json_file.convert(fields, LearningSettings)
+            named = {**(settings.solver_options or {}), "lane": "", "setting": ""}
+            # a library could take a text for the name of a file to write
+            if texts := [name for name, value in named.items() if value and isinstance(value, str | list | dict)]:
+                raise ValueError(f"the solver's option {texts[0]} is no number, and a file sets only numbers")
+            return cls._resumed(settings, state)
 
     @classmethod
     def _resumed(cls, settings: LearningSettings, state: Mapping[str, Any]) -> Self:

@@ -27,7 +27,8 @@ LEVELS = (
     {"store"},
     {"derived"},  # computed from a table of measurements
     {"races"},
-    {"verification", "comparison", "deploy", "export", "fleet", "live"},
+    {"verification", "comparison", "deploy"},
+    {"export", "fleet", "live"},  # made of models, also of deployed ones
     {"cli"},
 )
 """From the bottom up, packages and then the parts of ``bench``; a part imports itself and lower levels only."""

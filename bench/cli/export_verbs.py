@@ -8,11 +8,12 @@ from typing import Annotated, Any, cast
 import typer
 
 from bench.cli.options import AsJson, NoDynamics, RateLimit, XStart, check_option, check_writable, grouped, positive
+from bench.deploy.deployment import open_model
 from bench.export import building, c_source, fmu, realtime
 from bench.export.settings import EXACT_SOLVER, SOLVERS, Exported, ExportError, ExportSettings, LoopSolver, Precision
 from bench.report.console import console, errors, plain_json, print_result
 from bench.timing.percentiles import QUANTILES, Percentile, tail_cells
-from piezo_model import HysteresisCreepModel, atomic_file, deployment
+from piezo_model import HysteresisCreepModel, atomic_file
 from piezo_model.learning.settings import Mode
 
 ModelArgument = Annotated[Path, typer.Argument(help="Model from identify, or compensator from deploy.")]
@@ -178,7 +179,7 @@ def _opened(
 ) -> tuple[HysteresisCreepModel, ExportSettings]:
     """Model and export settings from a file of identify, by default of the compensator alone, or of deploy, by default
     of what was deployed; learning is continuous by default."""
-    model, deployed = deployment.open_model(path)
+    model, deployed = open_model(path)
     model = model.static if no_dynamics else model
     part = part or ("learning" if deployed else "compensator")
     check_option(

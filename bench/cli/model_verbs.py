@@ -28,12 +28,13 @@ from bench.cli.options import (
     recording_of,
     refuse,
 )
+from bench.deploy.deployment import open_model
 from bench.fleet import jobs
 from bench.fleet.fleet import local, matching
 from bench.processes.engine import Workers
 from bench.report.console import console, print_result, progress_bar
 from bench.report.fit_review import review
-from piezo_model import Recording, checks, deployment, recordings
+from piezo_model import Recording, checks, recordings
 from piezo_model.identification.identify import Estimator
 from piezo_model.identification.lag import DynamicsChoice, LagChoice
 from piezo_model.model import ModelError
@@ -230,7 +231,7 @@ def simulate_verb(
 ) -> None:
     """Compute the output of the model for a drive."""
     check_writable(out, others=[drive, model])
-    loaded, _ = deployment.open_model(model)
+    loaded, _ = open_model(model)
     read = recordings.read_reference(drive, role="input", **reading)
     signal = read.suited(loaded.structure.input_unit, "input")
     with checks.refusing(ModelError, f"{model} with {drive}: "):

@@ -179,7 +179,8 @@ def deploy_verb(
 
     The solver is accurate enough on every problem, misses no deadline beyond those that the machine itself misses, and
     has the smallest p99.9 (99.9 % of its answers take at most this time). The model comes from --model, or from
-    identifying the recording of the race. SelfLearningCompensator.load starts from the written file.
+    identifying the recording of the race. In Python, Deployment.load(FILE).learner() of bench.deploy.deployment starts
+    from the written file.
     """
     own_model = None
     if model is None:

@@ -14,10 +14,10 @@ from typing import Any
 
 from bench.deploy.actuator_model import ChosenModel
 from bench.deploy.candidates import QUANTILES, Candidate, Rule, candidates
+from bench.deploy.deployment import Deployment
 from bench.report.words import gap, marked, number, solver_lanes
 from bench.store import Run, RunError
 from bench.timing.percentiles import Percentile, needed
-from piezo_model.deployment import Deployment
 from piezo_model.learning.settings import EXACT_SOLVERS
 from piezo_model.model import HysteresisCreepModel
 from solvers import Lane

@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from bench.deploy.deployment import open_model
 from bench.live.device import Declared
 from piezo_model import (
     Compensator,
@@ -18,7 +19,6 @@ from piezo_model import (
     ModelStructure,
     SelfLearningCompensator,
     checks,
-    deployment,
     recordings,
 )
 from piezo_model.model import ModelError
@@ -124,7 +124,7 @@ def first_model(
             output_unit=declared.output_unit,
         )
         return HysteresisCreepModel.from_weights(structure, structure.straight_line)
-    model = deployment.open_model(file)[0]
+    model = open_model(file)[0]
     with checks.refusing(ModelError, f"{file}: "):
         model = (model if dynamics else model.static).at(sample_time)
     return replace(model, structure=model.structure.in_units(declared.input_unit, declared.output_unit, str(file)))

@@ -26,6 +26,7 @@ from hostile_files import (
 from pyarrow import parquet
 from small_races import Race
 
+from bench.deploy.deployment import Deployment
 from bench.messages.task import Tier
 from bench.problem_files import ProblemFileError
 from bench.problems.protocol import RaceProblem
@@ -39,7 +40,7 @@ from piezo_model import (
     ModelError,
     SelfLearningCompensator,
 )
-from piezo_model.deployment import Deployment, _checksum
+from piezo_model.learning.learner_file import _checksum
 from solvers import Lane
 
 
@@ -82,7 +83,6 @@ def use_model(path: Path) -> None:
     [
         (MODEL.save, use_model),
         (compensator_file, Deployment.load),
-        (compensator_file, SelfLearningCompensator.load),
         (learner_file, use_learner),
         (CompensatorBank(STRUCTURE, 2, dynamics=Dynamics((50.0,), (0.1,), (1.0,), 1e-3)).save, use_bank),
     ],

@@ -20,6 +20,7 @@ from small_races import REFERENCE, Race, raced
 from bench.deploy.actuator_model import model_for
 from bench.deploy.candidates import QUANTILES, UNOBSERVED_SHARE, Candidate, Rule, explained
 from bench.deploy.decision import Decision, decide
+from bench.deploy.deployment import Deployment
 from bench.derived.measurements import Measurements
 from bench.derived.summary import summary
 from bench.messages.task import Row
@@ -28,7 +29,6 @@ from bench.store import TIMES, Run, RunError
 from bench.timing import machine
 from bench.timing.percentiles import rate_bound
 from piezo_model import ModelError, SelfLearningCompensator, plants
-from piezo_model.deployment import Deployment
 from solvers import Lane, find
 from solvers.protocol import setting_text
 
@@ -308,7 +308,7 @@ def test_the_reference_run_gives_a_compensator_that_runs_and_learns(piezobench: 
     call = piezobench.run("deploy", REFERENCE, "--out", tmp_path / "compensator.json", "--simulated")
     assert "Chosen: " in call.stdout
     assert "Model: from the problem paper/bouc_wen-multi_sine, simulated." in call.stdout
-    learner = SelfLearningCompensator.load(tmp_path / "compensator.json", **SHORT)
+    learner = Deployment.load(tmp_path / "compensator.json").learner(**SHORT)
     s = learner.structure
     y_ref = s.y_centre + 0.7 * s.y_scale * np.sin(np.arange(6000) / 300)
     x, y = learner.run(y_ref, plants.get("bouc_wen", sample_time=s.sample_time).run)
@@ -471,9 +471,10 @@ def test_what_is_deployed_learns_continuously_and_a_sentence_says_with_which_sol
     assert f"The compensator learns continuously: {where}" in [text.replace("†", "") for text in decision.sentences()]
     made = decision.deployment(model_for(decision.run, SelfLearningCompensator(STRUCTURE).model))
     made.save(tmp_path / "c.json")
-    learner = SelfLearningCompensator.load(tmp_path / "c.json")
+    loaded = Deployment.load(tmp_path / "c.json")
+    learner = loaded.learner()
     assert (learner.mode, learner.settings.solver) == ("continuous", fastest)
-    assert Deployment.load(tmp_path / "c.json").evidence["figures"]["solver"] == fastest
+    assert loaded.evidence["figures"]["solver"] == fastest
     call = piezobench("export-c", tmp_path / "c.json", tmp_path / "c")
     assert "the self-learning loop (continuous, box_active_set) with d" in " ".join(call.stdout.split())
     assert (tmp_path / "c" / "piezo_learner.c").is_file()
@@ -487,13 +488,8 @@ def test_a_loaded_file_is_the_saved_one_and_its_tolerances_follow_from_the_const
     made = decision.deployment(model_for(decision.run, model))
     made.save(tmp_path / "c.json")
     loaded = Deployment.load(tmp_path / "c.json")
-    assert (loaded.solver, loaded.settings, loaded.tier, loaded.options) == (
-        made.solver,
-        made.settings,
-        made.tier,
-        made.options,
-    )
-    cls = find("osqp", "direct").load()
-    assert cls.at(loaded.options["setting"], 1.0) == cls.ladder(1.0)[1]
-    assert cls.at(loaded.options["setting"], 250.0) == cls.ladder(250.0)[1] != cls.ladder(1.0)[1]
-    assert SelfLearningCompensator.load(tmp_path / "c.json").settings.solver_options == loaded.options
+    assert (loaded.settings, loaded.tier, loaded.learning) == (made.settings, made.tier, made.learning)
+    cls, options = find("osqp", "direct").load(), loaded.learning["solver_options"]
+    assert cls.at(options["setting"], 1.0) == cls.ladder(1.0)[1]
+    assert cls.at(options["setting"], 250.0) == cls.ladder(250.0)[1] != cls.ladder(1.0)[1]
+    assert loaded.learner().settings.solver_options == options

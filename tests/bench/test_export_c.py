@@ -29,11 +29,11 @@ from exported_programs import build, replay, write_sources
 from programs import program
 
 from bench.cli.export_verbs import _opened
+from bench.deploy.deployment import Deployment
 from bench.export.building import EXACT, WARNINGS
 from bench.export.c_source import FLOAT_BOUND, export
 from bench.export.settings import ExportError, ExportSettings, Precision, initialiser, literal
-from piezo_model import Compensator, Dynamics, HysteresisCreepModel, SelfLearningCompensator
-from piezo_model.deployment import Deployment
+from piezo_model import Compensator, Dynamics, HysteresisCreepModel
 from piezo_model.recordings import write_table
 from piezo_model.signals import multi_sine
 
@@ -469,7 +469,7 @@ def test_a_compensator_of_deploy_keeps_its_limits_and_its_solver(
 @pytest.mark.needs("cc")
 def test_the_c_of_a_deployment_learns_as_the_compensator_that_python_loads_from_it(desk: Path, tmp_path: Path) -> None:
     """To the last bit, with a stage that is not the model."""
-    learner = SelfLearningCompensator.load(desk / "deployed.json")
+    learner = Deployment.load(desk / "deployed.json").learner()
     y_ref, stage = references(SHORT, seed=3), Stage(SHORT, False)
     x, y = learner.run(y_ref[:-1], stage)
     x = np.append(x, learner.step(y_ref[-1], np.nan))

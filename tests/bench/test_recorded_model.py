@@ -11,10 +11,10 @@ from command_line import CommandLine
 from small_races import race_of
 
 from bench.deploy.actuator_model import model_for
+from bench.deploy.deployment import Deployment
 from bench.problems.recorded import held_out_recording
 from bench.store import Run, RunError
 from piezo_model import HysteresisCreepModel, Recording, identify, plants
-from piezo_model.deployment import Deployment
 from piezo_model.identification.creep import UNDETERMINED
 from piezo_model.recordings import write_table
 

@@ -11,8 +11,8 @@ import pytest
 from command_line import CommandLine
 from small_races import REFERENCE
 
+from bench.deploy.deployment import Deployment
 from piezo_model import Dynamics, HysteresisCreepModel, ModelStructure, OperatorState
-from piezo_model.deployment import Deployment
 from piezo_model.recordings import write_table
 from piezo_model.units import quantity
 

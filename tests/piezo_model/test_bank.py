@@ -22,7 +22,7 @@ from piezo_model import (
     ModelStructure,
     SelfLearningCompensator,
 )
-from piezo_model.deployment import read_learner, write_learner
+from piezo_model.learning.learner_file import read_learner, write_learner
 from solvers.core import bindings
 from solvers.core.compile_core import instruction_sets
 

@@ -24,7 +24,6 @@ from piezo_model import (
     SelfLearningCompensator,
     plants,
 )
-from piezo_model.deployment import Deployment
 
 PLANT = plants.get("relay_preisach", sample_time=T)
 STRUCTURE = structure_for(PLANT)
@@ -172,11 +171,6 @@ def model(**changes: Any) -> HysteresisCreepModel:
     return replace(MODEL, **changes)
 
 
-def deployment(**changes: Any) -> Deployment:
-    usual = {"solver": "box_active_set", "lane": "kernel", "tier": "mid", "settings": {}, "mode": "cyclic"}
-    return Deployment(**{"model": MODEL, "x_limits": (0.0, 150.0), **usual, **changes})
-
-
 FOUND: list[tuple[Callable[..., Any], dict[str, Any]]] = [
     *(
         (learner, {"mode": mode, name: value})
@@ -199,8 +193,6 @@ FOUND: list[tuple[Callable[..., Any], dict[str, Any]]] = [
     (model, {"report": {"rms": np.float32(0.1), "runs": np.int64(3), "nested": {"all": [np.True_, (1, 2)]}}}),
     (model, {"report": {"curve": np.arange(3.0), "lag": np.nan, 3: None}}),
     (model, {"w_H": MODEL.w_H.astype(np.float32), "offset": np.float32(0.1), "start": STATES}),
-    (deployment, {"x_limits": np.array([0, 150])}),
-    (deployment, {"evidence": {"rms": np.float32(0.1), "curve": np.arange(3), "gap": np.inf}}),
 ]
 
 
@@ -250,11 +242,6 @@ REFUSED: list[tuple[Callable[..., Any], dict[str, Any], str]] = [
     (model, {"w_H": 1e150 * MODEL.w_H}, r"w_H\[0\] is not a finite number"),
     (model, {"offset": 1e200}, "offset must be above"),
     (model, {"start": OperatorState(np.full(8, np.nan), STATES.creep)}, r"play\[0\] is not a finite number"),
-    (deployment, {"x_limits": (-np.inf, np.inf)}, "x_limits must be two finite numbers in ascending order"),
-    (deployment, {"x_limits": (5.0, 1.0)}, "x_limits must be two finite numbers in ascending order"),
-    (deployment, {"tier": "best"}, "tier must be one of default, low, mid, high, exact"),
-    (deployment, {"solver": "nobody"}, "there is no solver 'nobody'"),
-    (deployment, {"evidence": {"run": object()}}, "evidence.run is a object, which a file cannot hold"),
 ]
 
 

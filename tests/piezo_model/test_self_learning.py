@@ -18,10 +18,9 @@ from faulty_sensor import FaultySensor, rms_percent, spoiled, steps
 from learning_loops import MODES, NOISE, WAYS, T, error_of, learner_for, sensor, structure_for
 from qpsolvers import Problem
 
-import solvers
 from piezo_model import OperatorState, SelfLearningCompensator
-from piezo_model.deployment import Deployment, write_learner
 from piezo_model.learning.events import Phase
+from piezo_model.learning.learner_file import write_learner
 from piezo_model.learning.solving import solved
 from piezo_model.model import HysteresisCreepModel, ModelError
 from solvers.kernel.box_active_set import BoxActiveSet
@@ -195,20 +194,6 @@ def test_a_memory_of_another_size_is_refused_though_its_checksum_is_right(tmp_pa
 
 
 TO_THE_TIGHTEST = '{"tolerance": 0.001} to {"tolerance": 1e-13}'
-
-
-def deployment(model: HysteresisCreepModel, solver: str, settings: dict[str, Any]) -> Deployment:
-    return Deployment(
-        model=model,
-        solver=solver,
-        lane="kernel",
-        tier="high",
-        settings=settings,
-        mode="cyclic",
-        x_limits=(10.0, 140.0),
-    )
-
-
 LADDER = f"its ladder goes from {TO_THE_TIGHTEST}"
 ACCELERATED, STEPPED = "accelerated_projection", "projected_difference"
 
@@ -249,59 +234,6 @@ def test_options_that_the_solver_does_not_have_are_refused_before_anything_runs(
     write_learner(path, {**asdict(learner.settings), "solver_options": options}, learner.get_state())
     with pytest.raises(ModelError, match=rf"^[^\n]*learner\.json: [^\n]*{re.escape(sentence)}[^\n]*$"):
         SelfLearningCompensator.load(path)
-
-
-@pytest.mark.parametrize(
-    ("solver", "settings"),
-    [
-        *(
-            (ACCELERATED, settings)
-            for settings in ({"tolerance": 0.5}, {"tolerance": {}}, {"setting": 99}, {"rung": 2}, {"lane": "none"})
-        ),
-        (STEPPED, {"steps": None}),
-        (STEPPED, {"steps": 2**70}),
-        (STEPPED, {"tolerance": {}}),
-    ],
-    ids=str,
-)
-def test_a_deployed_file_with_a_setting_that_the_solver_does_not_have_is_refused(
-    solver: str, settings: dict[str, Any], tmp_path: Path
-) -> None:
-    path, model = tmp_path / "deployed.json", fresh("cyclic", solver).model
-    sentence = re.escape(f"{solver} has no setting {json.dumps(settings)!r}; its ladder goes from ")
-    with pytest.raises(ValueError, match=sentence):
-        deployment(model, solver, settings)
-    deployment(model, solver, dict(solvers.get(solver).ladder(1.0)[0])).save(path)
-    path.write_text(json.dumps({**json.loads(path.read_text()), "settings": settings}))
-    for load in (Deployment.load, SelfLearningCompensator.load):
-        with pytest.raises(ModelError, match=rf"^[^\n]*deployed\.json: {sentence}[^\n]*$"):
-            load(path)
-
-
-def test_a_deployed_file_whose_model_is_of_another_version_is_refused(tmp_path: Path) -> None:
-    path, solver = tmp_path / "deployed.json", solvers.get(STEPPED)
-    deployment(fresh("cyclic", STEPPED).model, STEPPED, dict(solver.ladder(1.0)[0])).save(path)
-    content = json.loads(path.read_text())
-    path.write_text(json.dumps({**content, "model": {**content["model"], "version": 2}}))
-    with pytest.raises(ModelError, match=r"deployed\.json: model: version 2 is not 3, the one this"):
-        SelfLearningCompensator.load(path)
-
-
-def test_it_starts_from_a_deployed_file_with_its_model_solver_and_limits(tmp_path: Path) -> None:
-    structure = structure_for(sensor())
-    model = HysteresisCreepModel.from_weights(structure, structure.straight_line)
-    deployment(model, STEPPED, {"steps": 100}).save(tmp_path / "c.json")
-    learner = SelfLearningCompensator.load(tmp_path / "c.json", build_s=1.0)
-    chosen = learner.settings
-    assert (chosen.solver, chosen.x_limits, chosen.build_s) == ("projected_difference", (10.0, 140.0), 1.0)
-    assert learner.structure == structure
-    assert learner.step(1e9, math.nan) == 140.0
-
-
-def test_a_saved_file_takes_no_other_options(tmp_path: Path) -> None:
-    fresh("cyclic", "box_active_set").save(tmp_path / "learner.json")
-    with pytest.raises(ValueError, match="resumes with the settings it was saved with, so mode must not be given"):
-        SelfLearningCompensator.load(tmp_path / "learner.json", mode="continuous")
 
 
 # Accuracy

@@ -1,0 +1,52 @@
+"""The file of a self-learning compensator, or of a bank of them, in operation."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from piezo_model import checks, json_file
+from piezo_model.atomic_file import write_text
+from piezo_model.json_file import packed, unpacked
+from piezo_model.model import ModelError
+
+
+class LearnerFile(json_file.Versioned):
+    """Settings and state, arrays to the bit."""
+
+    FORMAT = "piezobench-learner"
+    VERSION = 9
+    UPGRADE_HINT = "save a learner's model, its field state.compensator.model, as a file, and start from that"
+    settings: dict[str, Any]
+    """Fields of `learning.settings.LearningSettings`, or of `bank.BankSettings`."""
+    state: dict[str, Any]
+    """With the model and its structure, or of a bank."""
+    checksum: str
+    """SHA-256 of the rest."""
+
+
+def _checksum(content: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode("utf-8")).hexdigest()
+
+
+def write_learner(path: str | Path, settings: Mapping[str, Any], state: Mapping[str, Any]) -> None:
+    """Write a compensator in operation; the file is replaced as a whole."""
+    content = {
+        "format": LearnerFile.FORMAT,
+        "version": LearnerFile.VERSION,
+        "settings": packed(settings),
+        "state": packed(state),
+    }
+    write_text(path, json.dumps({**content, "checksum": _checksum(content)}, indent=1, allow_nan=False) + "\n")
+
+
+def read_learner(path: str | Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Settings and state; ModelError names what is wrong with the file."""
+    content = msgspec.structs.asdict(json_file.read(path, LearnerFile, ModelError))
+    if content.pop("checksum") != _checksum(content):
+        raise ModelError(f"{path}: is damaged, since its checksum is another one")
+    with checks.refusing(ModelError, f"{path}: holds a broken array: "):
+        return unpacked(content["settings"]), unpacked(content["state"])
