@@ -4,49 +4,34 @@
 
 In cyclic operation a synchronous Moore machine builds the data basis, learns, and hands over; in continuous operation
 (the paper's outlook) it takes the exact optimum of a forgetting data basis at every interval. The two are settings of
-one learner. The core handles samples and blocks (``core/controller.h``, ``core/learner.h``); Python handles its events:
-it writes the log, calls solvers outside the core, and adapts the ranges. In both the drive is finite and inside its
-limits for any input, and learning pauses at a sensor fault and resumes by itself.
+one learner. The core handles samples and blocks (``core/controller.h``, ``core/learner.h``), and Python the events of
+blocks (`piezo_model.learning.learner`). In both the drive is finite and inside its limits for any input, and learning
+pauses at a sensor fault and resumes by itself.
 """
 
-import math
+import copy
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, NoReturn, Self, TypedDict
+from typing import Any, Self, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-import solvers
 from piezo_model import checks, json_file
 from piezo_model.compensator import Compensator, CompensatorState
-from piezo_model.core import State, Stateful, bindings
-from piezo_model.identification_problem import Excitation, IdentificationProblem
+from piezo_model.core import bindings
 from piezo_model.json_file import Number
-from piezo_model.learning.driven_range import PIECE_S, DrivenRange, carried_over
-from piezo_model.learning.events import MESSAGES, BlockEvent, Event, Phase, Verdict
+from piezo_model.learning.driven_range import DrivenRange
+from piezo_model.learning.events import BlockEvent, Event, Phase, Verdict
+from piezo_model.learning.learner import LOG_LENGTH, Learner
 from piezo_model.learning.learner_file import read_learner, write_learner
-from piezo_model.learning.settings import (
-    CHECKPOINT_S,
-    CLOCK,
-    MEMORY,
-    MIN_SLOPE,
-    LearningSettings,
-    Mode,
-    learner_numbers,
-    write_settings,
-)
-from piezo_model.learning.solving import STEPPED, solved
+from piezo_model.learning.settings import LearningSettings, Mode
 from piezo_model.model import HysteresisCreepModel, ModelError
 from piezo_model.operator_state import OperatorState
-from piezo_model.regressors import full_gram, write_slope_regressors
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Vector, reals
-
-LOG_LENGTH = 1000
-"""Number of events kept."""
 
 
 class LearnerState(TypedDict):
@@ -65,20 +50,7 @@ class SavedState(TypedDict):
     log: list[Event]
 
 
-class LearnedCompensator(Compensator):
-    """The compensator of a learner, which alone drives and changes it: it learns from its own drives and weights."""
-
-    def _refuse(self, *_: Any, **__: Any) -> NoReturn:
-        raise ValueError(
-            "a learner has this compensator and alone changes it; step and restore the learner, or begin another one "
-            "with the model and the state"
-        )
-
-    step = correct = run = change_model = restore = set_blend_time = _refuse  # type: ignore[assignment]
-    state = Compensator.state.setter(_refuse)  # type: ignore[attr-defined]
-
-
-class SelfLearningCompensator(Stateful):
+class SelfLearningCompensator(Learner):
     """A compensator that identifies its own model while it runs.
 
     One thread at a time may use it; another one gets a RuntimeError.
@@ -127,8 +99,6 @@ class SelfLearningCompensator(Stateful):
 
     Attributes
     ----------
-    compensator : Compensator
-        The compensator whose weights are learned, to be read: only the learner changes it.
     settings : LearningSettings
         The parameters above.
     log : deque of Event
@@ -200,44 +170,15 @@ class SelfLearningCompensator(Stateful):
             raise ValueError("the model has another structure than the one given")
         if estimate_offset and not structure.offset:
             model = replace(model, structure=replace(structure, offset=True))
-        s = model.structure
-        self.settings, self._cyclic = settings, settings.mode == "cyclic"
-        self.compensator = compensator = LearnedCompensator(
-            model,
-            settings.x_limits,
-            settings.rate_limit,
-            state,
-            x_start=x_start,
-            integral_gain=settings.integral_gain,
-        )
-        self.log: deque[Event] = deque(maxlen=LOG_LENGTH)
-        self.problem: IdentificationProblem | None = None
+        limits, gain = (settings.x_limits, settings.rate_limit), settings.integral_gain
+        super().__init__(settings, Compensator(model, *limits, state, x_start=x_start, integral_gain=gain))
         self._last_x: float | None = None
-        self._block, numbers = learner_numbers(s, settings)
-        """Samples of a block."""
-        sizes = *s.shape, compensator.prefilter.modes, compensator.prefilter.ring, self._block, 1, numbers["mode"]
-        self._core = State(bindings.learner_bytes(*sizes), lambda memory: bindings.learner_setup(memory, *sizes))
-        write_settings(numbers, self._core["settings"])
-        self._core["noise_gains"][:] = compensator.prefilter.noise_gains
-        write_slope_regressors(self._core, s)
-        self._driven = DrivenRange() if self._cyclic else DrivenRange(round(PIECE_S / CHECKPOINT_S))
-        Compensator.set_blend_time(compensator, settings.blend_time_s)
-        self._begin(compensator.state, resets=True)
 
     @property
-    def model(self) -> HysteresisCreepModel:
-        """The model in use."""
-        return self.compensator.model
-
-    @property
-    def learned_weights(self) -> Vector:
-        """The weights (d,) of the last hand-over; the drive takes them over a block later."""
-        return self.structure.slope_map @ self._core["in_use"]
-
-    @property
-    def structure(self) -> ModelStructure:
-        """The structure of the model in use."""
-        return self.compensator.model.structure
+    def compensator(self) -> Compensator:
+        """The compensator as it is now, a copy: only the learner changes its own, which it learns from."""
+        with self._core.exclusive():
+            return copy.deepcopy(self._compensator)
 
     @property
     def mode(self) -> Mode:
@@ -250,11 +191,6 @@ class SelfLearningCompensator(Stateful):
         if self._cyclic:
             return list(Phase)[self._clock["phase"]]
         return Phase.RESET if self._memory["reset_remaining"] > 0 else Phase.LEARN
-
-    @property
-    def samples(self) -> int:
-        """Samples observed so far."""
-        return int(self._core.as_int64("samples")[0])
 
     @property
     def counts(self) -> dict[str, int]:
@@ -270,7 +206,7 @@ class SelfLearningCompensator(Stateful):
 
     def samples_until_change(self) -> int:
         """Number of samples whose drives can be computed at once, since nothing that they depend on can change."""
-        return int(bindings.learner_quiet(self._core.block, self.compensator.block, self.settings.adapt_range))
+        return int(bindings.learner_quiet(self._core.block, self._compensator.block, self.settings.adapt_range))
 
     def step(self, y_ref: float, y_measured_before: float) -> float:
         """Process one sample.
@@ -289,11 +225,11 @@ class SelfLearningCompensator(Stateful):
         """
         with self._core.exclusive():
             x, events = bindings.learner_step(
-                self._core.block, self.compensator.block, y_ref, y_measured_before, self._last_x is not None
+                self._core.block, self._compensator.block, y_ref, y_measured_before, self._last_x is not None
             )
             if events:
                 self._follow(BlockEvent(events))  # may replace the compensator's state
-                x, _ = bindings.learner_step(self._core.block, self.compensator.block, y_ref, np.nan, False)
+                x, _ = bindings.learner_step(self._core.block, self._compensator.block, y_ref, np.nan, False)
         self._last_x = float(x)
         return self._last_x
 
@@ -335,7 +271,7 @@ class SelfLearningCompensator(Stateful):
             )
         x = np.empty_like(y_ref)
         with self._core.exclusive():
-            bindings.learner_drive(self._core.block, self.compensator.block, y_ref, x)
+            bindings.learner_drive(self._core.block, self._compensator.block, y_ref, x)
         return x
 
     def observe(self, x: ArrayLike, y: ArrayLike) -> None:
@@ -345,7 +281,9 @@ class SelfLearningCompensator(Stateful):
         self._last_x = None
         self._until_done(
             x.size,
-            lambda done, events: bindings.learner_observe(self._core.block, self.compensator.block, y, x, done, events),
+            lambda done, events: bindings.learner_observe(
+                self._core.block, self._compensator.block, y, x, done, events
+            ),
         )
 
     def replay(self, y_ref: ArrayLike, y_measured_before: ArrayLike) -> Vector:
@@ -355,7 +293,7 @@ class SelfLearningCompensator(Stateful):
         self._until_done(
             x.size,
             lambda done, events: bindings.learner_replay(
-                self._core.block, self.compensator.block, y, y_ref, x, done, events
+                self._core.block, self._compensator.block, y, y_ref, x, done, events
             ),
             self._last_x is None,
         )
@@ -366,7 +304,7 @@ class SelfLearningCompensator(Stateful):
         """A copy of the whole state, without the settings."""
         with self._core.exclusive():
             return {
-                "compensator": self.compensator.get_state(),
+                "compensator": self._compensator.get_state(),
                 "learning": {"core": self._core.block.copy(), "driven": asdict(self._driven)},
                 "last_x": self._last_x,
                 "log": [asdict(event) for event in self.log],
@@ -374,10 +312,9 @@ class SelfLearningCompensator(Stateful):
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue, to the last bit, from the :meth:`get_state` of a compensator of the same settings."""
-        resumed, compensator = self._resumed(self.settings, state), self.compensator
+        resumed = self._resumed(self.settings, state)
         with self._core.exclusive():
-            vars(compensator).update(vars(resumed.compensator))
-            vars(self).update(vars(resumed), compensator=compensator)
+            vars(self).update(vars(resumed))
 
     def save(self, path: str | Path) -> None:
         """Write settings and state as JSON, at any time; the file is replaced as a whole."""
@@ -403,28 +340,13 @@ class SelfLearningCompensator(Stateful):
         learner = cls(model.structure, **vars(settings), model=model)
         if learner.structure != model.structure:
             raise ValueError("the model has no constant term, which the settings ask for")
-        Compensator.restore(learner.compensator, saved["compensator"])
+        learner._compensator.restore(saved["compensator"])
         learner._core.restore(saved["learning"]["core"], bindings.learner_restore)
-        learner._core["noise_gains"][:] = learner.compensator.prefilter.noise_gains
+        learner._core["noise_gains"][:] = learner._compensator.prefilter.noise_gains
         learner._driven = replace(saved["learning"]["driven"], per_piece=learner._driven.per_piece)
         learner.log, learner._last_x = deque(saved["log"], LOG_LENGTH), saved["last_x"]
         learner.problem = learner._gathered() if learner._cyclic and learner.phase is Phase.LEARN else None
         return learner
-
-    def _begin(self, state: OperatorState, resets: bool) -> None:
-        """Begin to learn from the compensator's model and these states of the operators."""
-        self._core["in_use"][:] = self.structure.inverse_slope_map @ self.model.weights
-        bindings.learner_begin(self._core.block, self.compensator.block, state.play, state.creep, resets)
-
-    @property
-    def _memory(self) -> np.void:
-        """The core's ``LearnerMemory``."""
-        return self._core.record("memory", MEMORY)
-
-    @property
-    def _clock(self) -> np.void:
-        """The core's ``LearnerClock``."""
-        return self._core.record("clock", CLOCK)
 
     def _until_done(self, samples: int, call: Callable[[int, NDArray[np.int64]], int], observed: bool = False) -> None:
         """Process samples by a function of the core that takes the number of the first one, stops at events, and
@@ -435,80 +357,3 @@ class SelfLearningCompensator(Stateful):
                 done = call(done, events)
                 if events[0]:
                     self._follow(BlockEvent(int(events[0])))
-
-    def _follow(self, events: BlockEvent) -> None:
-        """Handle the events of a block that need Python, and log them."""
-        if BlockEvent.SENSOR_FAULT in events:
-            self._driven.interrupt()
-        if BlockEvent.PROGRAM in events:
-            self._solve()
-        refused, judged = BlockEvent.NOT_A_NUMBER | BlockEvent.WORSE, BlockEvent.WORSE | BlockEvent.CYCLE_OVER
-        for event, (what, message) in MESSAGES.items():
-            if event in events and not (event is BlockEvent.CYCLE_OVER and events & refused):
-                low, high = self._core["covered"][:2] if self._cyclic else (0.0, 0.0)
-                errors = ("error_in_use", "error_found") if event & judged else ()
-                self._note(
-                    what,
-                    message.format(percent=50.0 * (high - low), solver=self.settings.solver),
-                    *(float(self._clock[name]) for name in errors),
-                )
-        if events & (BlockEvent.CHECK_RANGE | BlockEvent.CYCLE_OVER):
-            self._adapt_range()
-
-    def _note(self, what: Any, message: str, old: float = math.nan, new: float = math.nan) -> None:
-        self.log.append(Event(self.samples, what, message, old, new, int(self._clock["learning_since"])))
-
-    def _gathered(self) -> IdentificationProblem:
-        """The problem of a cycle's data, which the core has in slopes."""
-        core, s = self._core, self.structure
-        gram, S = full_gram(core["data"], s), s.inverse_slope_map
-        return IdentificationProblem(
-            s,
-            S.T @ gram[:-1, :-1] @ S,
-            S.T @ gram[:-1, -1],
-            0.5 * float(gram[-1, -1]),
-            Excitation.of(s, core["covered"], core["r"], core["start_play"], core["start_creep"]),
-            s.slope_map @ core["reference"],
-            self.settings.proximal,
-            MIN_SLOPE,
-        )
-
-    def _solve(self) -> None:
-        """Solve the program of the core."""
-        core, s = self._core, self.structure
-        if self._cyclic:
-            self.problem = self._gathered()
-            if self.settings.solver == STEPPED:
-                return
-        P, q, lower = core["P"].reshape(s.d, s.d).copy(), core["q"].copy(), core["lower"].copy()
-        c = 0.5 * float(full_gram(core["data" if self._cyclic else "gram"], s)[-1, -1])
-        program = solvers.Problem(P, q, lb=lower, ub=np.full(q.size, np.inf))
-        try:
-            answer = solved(
-                self.settings.solver, self.settings.solver_options, program, np.maximum(core["start"], lower), c
-            )
-        except Exception as error:  # no exception of a library may stop the compensator
-            bindings.learner_refuse(core.block)
-            self._note("refused", f"the solver {self.settings.solver} failed: {error}")
-            return
-        if self._cyclic:
-            core["answer"][:] = answer
-        elif np.all(np.isfinite(answer)):
-            core["candidate"][:] = np.maximum(answer, lower)
-
-    def _adapt_range(self) -> None:
-        """Change to other ranges if the drive or the output needs them."""
-        core, old = self._core, self.structure
-        span = core["covered"] if self._cyclic else self._memory["span"]
-        new = self._driven.observe(span, old) if self.settings.adapt_range and np.all(np.isfinite(span)) else None
-        if not self._cyclic:
-            span[:] = math.inf, -math.inf, math.inf, -math.inf
-        if new is None:
-            return
-        state = OperatorState(core["block_play"], core["block_creep"]).rescaled_to(old, new)
-        self._memory["level"] *= (old.x_scale / new.x_scale) ** 2
-        learned = HysteresisCreepModel.from_weights(old, self.learned_weights)  # which may not be handed over yet
-        model = carried_over(learned, new).with_dynamics_of(self.model)
-        Compensator.change_model(self.compensator, model, self.settings.blend_time_s)
-        self._begin(state, resets=False)
-        self._note("range", "the thresholds follow the range that was driven")
