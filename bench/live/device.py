@@ -33,8 +33,8 @@ MAX_CATCH_UP = 1_000
 """Most samples that a simulated stage makes up for after a pause."""
 
 
-class DeviceError(ValueError):
-    """A stage that cannot be used; the message is one sentence."""
+class LiveError(ValueError):
+    """A stage, reference or page that no run can have; the message is one sentence."""
 
 
 class Declared(msgspec.Struct, frozen=True):
@@ -51,14 +51,14 @@ class Declared(msgspec.Struct, frozen=True):
 
     @classmethod
     def of(cls, stage: Any, name: str) -> Declared:
-        """Check the attributes of a stage; DeviceError names a missing or wrong one."""
+        """Check the attributes of a stage; LiveError names a missing or wrong one."""
         attributes = {field: getattr(stage, field) for field in cls.__struct_fields__ if hasattr(stage, field)}
-        with checks.refusing(DeviceError, f"{name}: the class {type(stage).__name__}: "):
+        with checks.refusing(LiveError, f"{name}: the class {type(stage).__name__}: "):
             return json_file.convert(attributes, cls)
 
 
 def stage_of(path: Path) -> Any:
-    """The stage of a user's file, not yet open; DeviceError if the file does not define exactly one."""
+    """The stage of a user's file, not yet open; LiveError if the file does not define exactly one."""
     try:
         stages = [
             value()
@@ -68,9 +68,9 @@ def stage_of(path: Path) -> Any:
             and all(callable(getattr(value, method, None)) for method in METHODS)
         ]
     except Exception as error:
-        raise DeviceError(f"{path}: cannot be run: {type(error).__name__}: {error}") from None
+        raise LiveError(f"{path}: cannot be run: {type(error).__name__}: {error}") from None
     if len(stages) != 1:
-        raise DeviceError(
+        raise LiveError(
             f"{path}: must define one class with the methods {', '.join(METHODS)}, and defines {len(stages)}"
         )
     return stages[0]
@@ -80,7 +80,7 @@ class SimulatedStage:
     """A simulated actuator with a sensor in real time: between two exchanges it holds the drive of the first, as
     hardware does.
 
-    The sensor's noise has this standard deviation, µm. DeviceError if there is no such actuator.
+    The sensor's noise has this standard deviation, µm. LiveError if there is no such actuator.
     """
 
     input_unit, output_unit = "V", "um"
@@ -89,8 +89,8 @@ class SimulatedStage:
     def __init__(self, kind: str, sample_time: float, noise_um: float = 0.002) -> None:
         known = (*plants.names(), *plants.STAGES)
         if kind not in known:
-            raise DeviceError(f"there is no simulated actuator {kind!r}; known are {', '.join(known)}")
-        with checks.refusing(DeviceError, f"simulated {kind}: "):
+            raise LiveError(f"there is no simulated actuator {kind!r}; known are {', '.join(known)}")
+        with checks.refusing(LiveError, f"simulated {kind}: "):
             self._plant = plants.Sensor(plants.stage(kind, sample_time), noise_um=noise_um)
         self.x_limits, self.y_range, self.rest = self._plant.x_range, self._plant.y_range, self._plant.x_range[0]
         self.rate_limit = (self.x_limits[1] - self.x_limits[0]) / RAMP_S

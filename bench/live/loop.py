@@ -1,11 +1,15 @@
-"""The process of the loop, from top to bottom: whatever ends the run, the stage comes to rest.
+"""The two processes of a run, from top to bottom: whatever ends the run, the stage comes to rest.
 
-It opens the stage, whose drive is at rest, and follows the reference: at every sampling period it writes the drive and
-reads the measured output, on an absolute schedule. If the time is over, somebody asks for it, the command dies, the
-stage or the compensator fails, or the sensor is silent for ``timeout_s``, the drive ramps to rest at the stage's rate
-limit. While it calls the stage, a timer of the kernel runs (SIGALRM), which ends the process if the call takes longer
-than the stage may, whatever the call is doing and whoever else is alive. Then, and if this process dies, or the stage
-takes no drive for ``timeout_s``, the process that stands by opens the stage anew and ramps it to rest (`stand_by`).
+The process of the loop opens the stage, whose drive is at rest, and follows the reference: at every sampling period it
+writes the drive and reads the measured output, on an absolute schedule. If the time is over, somebody asks for it, the
+command dies, the stage or the compensator fails, or the sensor is silent for ``timeout_s``, the drive ramps to rest at
+the stage's rate limit. While it calls the stage, a timer of the kernel runs (SIGALRM), which ends the process if the
+call takes longer than the stage may, whatever the call is doing and whoever else is alive.
+
+The process that stands by waits for the end of the first one, which no other process and no signal keeps it from. If
+the stage is not at rest then, since the timer or somebody else has ended that process, or the stage took no drive for
+``timeout_s``, it opens the stage anew, writes the last drive again, which the stage may have taken or not, and ramps to
+rest from there, on the same schedule and with the same timer. A stage that cannot be opened twice is left as it is.
 
 Sample k is due at t_0 + k T. The service time is from the start of a sample to its end, the response time from its due
 time to its end. If the response exceeds T, the deadline was missed; the due times that have passed meanwhile are
@@ -20,18 +24,18 @@ import signal
 import time
 from bisect import bisect
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from itertools import islice
+from multiprocessing.connection import wait
 from typing import Any
 
 from bench.live.board import EDGES_US, FOLLOW, LONGEST, Board, State
 from bench.live.settings import LiveSettings
-from bench.timing.schedule import SPIN_NS, wait_until
+from bench.timing.schedule import LEAD_NS, SPIN_NS, wait_until
 from piezo_model import Compensator, SelfLearningCompensator
 from piezo_model.recordings.table import first_line
 from piezo_model.units import quantity
 
-LEAD_NS = 20_000_000
-"""From the start of a schedule to its first due time."""
 PRIORITY, WAKE_NS = 50, 40_000
 """Real-time scheduling: priority, and how long before a due time the loop begins to spin. Some of each period must be
 left to the system, which would stop the loop for 50 ms of every second otherwise."""
@@ -46,20 +50,30 @@ TIME_OVER, STOP_REQUESTED = "the time is over", "asked to stop"
 
 
 def main(settings: LiveSettings, board: Board, core: int, lock: object) -> None:
-    """Run the process, on a core of its own as long as it has its lock."""
+    """Run the process of the loop, on a core of its own as long as it has its lock."""
     handle_signals(lambda *_: setattr(board, "stop", 1))
     os.sched_setaffinity(0, {core})
-    spin_ns = real_time()
-    null_loop(board, settings.rate, spin_ns)
+    with suppress(PermissionError):  # then sleeps end late, and it spins for longer
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    # what a loop that does nothing misses in a second
+    for _, due, skipped in islice(schedule(settings.rate), round(settings.rate)):
+        board.null_missed += skipped + (time.perf_counter_ns() - due > 1e9 / settings.rate)
     board.drive = settings.declared.rest
-    run_stage(settings, board, spin_ns, settings.compensator())
+    run_stage(settings, board, settings.compensator())
+
+
+def stand_by(settings: LiveSettings, board: Board, loop: int) -> None:
+    """Run the process that stands by, given the process id of the loop."""
+    handle_signals(signal.SIG_IGN)
+    with suppress(ProcessLookupError):  # it has ended already
+        wait([os.pidfd_open(loop)])
+    if settings.declared.reopens and board.state in (State.FOLLOWING, State.RAMPING_TO_REST):
+        board.followed = board.followed or board.head
+        run_stage(settings, board)
 
 
 def run_stage(
-    settings: LiveSettings,
-    board: Board,
-    spin_ns: int = SPIN_NS,
-    compensator: Compensator | SelfLearningCompensator | None = None,
+    settings: LiveSettings, board: Board, compensator: Compensator | SelfLearningCompensator | None = None
 ) -> None:
     """Open the stage, run the loop and close the stage; the board's reason says what cannot be done."""
     signal.setitimer(signal.ITIMER_REAL, OPENING_S)
@@ -73,10 +87,10 @@ def run_stage(
         board.state = State.FOLLOWING if compensator else State.RAMPING_TO_REST
         loop = Loop(settings, board, stage, compensator)
         try:
-            loop.run(spin_ns)
+            loop.run()
         except Exception as error:  # of the compensator, which the ramp to rest does not need
             loop.end(f"the loop failed: {first_line(error)}")
-            loop.run(spin_ns)
+            loop.run()
         signal.setitimer(signal.ITIMER_REAL, CLOSING_S)
         stage.close()
     except (Exception, SystemExit) as error:
@@ -100,12 +114,12 @@ class Loop:
         self._failing_ns = 0 if compensator else time.perf_counter_ns()
         """Since when the stage has not answered, or not this process; 0 if it does."""
 
-    def run(self, spin_ns: int) -> None:
+    def run(self) -> None:
         """Follow the reference until the end, then ramp to rest, which the board's state says if the stage is there; it
         is not if it takes no drive any more."""
         board, rate, limit_s = self._board, self._settings.rate, self._settings.limit_s
         before = board.last[0] + 1.0 / rate if board.head else 0.0
-        for k, due, skipped in schedule(rate, spin_ns):
+        for k, due, skipped in schedule(rate):
             signal.setitimer(signal.ITIMER_REAL, limit_s)
             if board.state == State.FOLLOWING:
                 self.obey(k)
@@ -131,7 +145,7 @@ class Loop:
 
     def obey(self, k: int) -> None:
         """End the run if it is over at sample k, and follow the set point of the board."""
-        board, settings = self._board, self._settings
+        settings, board = self._settings, self._board
         if 0.0 < settings.seconds * settings.rate <= k:
             self.end(TIME_OVER)
         if os.getppid() != settings.command:
@@ -189,31 +203,17 @@ class Loop:
                 self._board.log(f"{event.what}: {event.message}")
 
 
-def schedule(rate: float, spin_ns: int) -> Iterator[tuple[int, int, int]]:
+def schedule(rate: float) -> Iterator[tuple[int, int, int]]:
     """Wait for each sample and yield its number, its due time in ns, and how many due times were skipped before it,
     because they had passed."""
     period, clock = round(1e9 / rate), time.perf_counter_ns
+    spin_ns = WAKE_NS if os.sched_getscheduler(0) == os.SCHED_FIFO else SPIN_NS
     start, k, skipped = clock() + LEAD_NS, 0, 0
     while True:
         wait_until(start + k * period, clock, time.sleep, spin_ns)
         yield k, start + k * period, skipped
         newest = max(k + 1, (clock() - start) // period)
         k, skipped = newest, newest - k - 1
-
-
-def null_loop(board: Board, rate: float, spin_ns: int) -> None:
-    """Count the deadlines that a loop that does nothing misses on this machine, among those of about a second."""
-    for _, due, skipped in islice(schedule(rate, spin_ns), round(rate)):
-        board.null_missed += skipped + (time.perf_counter_ns() - due > 1e9 / rate)
-
-
-def real_time() -> int:
-    """Request real-time scheduling; return how long before a due time to spin, ns: without it, sleeps end late."""
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
-    except PermissionError:
-        return SPIN_NS
-    return WAKE_NS
 
 
 def handle_signals(handler: Callable[..., object] | signal.Handlers) -> None:

@@ -18,8 +18,8 @@ import msgspec
 import numpy as np
 
 from bench.live.board import EDGES_US, FOLLOW, Board, State
-from bench.live.device import DeviceError
-from bench.live.settings import LiveSettings, SettingsError, set_point
+from bench.live.device import LiveError
+from bench.live.settings import LiveSettings, set_point
 from bench.rendering import markup_templates
 from bench.report import vega
 from bench.report.report import GREY, PALETTE
@@ -34,14 +34,14 @@ def html(settings: LiveSettings) -> bytes:
     """The page, which asks for its :func:`state`."""
     constants = {
         "unit": shown(settings.declared.output_unit),
+        "centre": f"{0.5 * sum(settings.declared.y_range):g}",
         "deadline": 1e6 / settings.rate,
         "edges": EDGES_US,
         "colours": {"reference": GREY, "measured": PALETTE[0]},
         "config": vega.CONFIG,
     }
     page = markup_templates("bench.live").get_template("page.html.jinja")
-    centre = f"{0.5 * sum(settings.declared.y_range):g}"
-    return page.render(constants=constants, centre=centre, library=vega.library()).encode()
+    return page.render(constants=constants, library=vega.library()).encode()
 
 
 def state(settings: LiveSettings, board: Board) -> bytes:
@@ -78,13 +78,13 @@ def ask(settings: LiveSettings, board: Board, request: str, text: str) -> str:
     else:
         try:
             board.set_point = set_point(text, unit, y_range, 1.0 / settings.rate)[0][0]
-        except SettingsError as error:
+        except LiveError as error:
             return f"{error}."
     return ""
 
 
 class Page(ThreadingHTTPServer):
-    """The server of a run's page, which prints its address; DeviceError if nobody can listen there."""
+    """The server of a run's page, which prints its address; LiveError if nobody can listen there."""
 
     def __init__(self, settings: LiveSettings, board: Board, host: str, port: int) -> None:
         self.run, self.path = (settings, board), f"/{secrets.token_urlsafe(16)}"
@@ -92,7 +92,7 @@ class Page(ThreadingHTTPServer):
         try:
             super().__init__((host, port), _Handler)
         except OSError as error:
-            raise DeviceError(
+            raise LiveError(
                 f"cannot serve the page at {name}:{port}: {error.strerror}; choose another --port or --host"
             ) from None
         there = socket.gethostname() if self.server_address[0] in ("0.0.0.0", "::") else name

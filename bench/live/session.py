@@ -1,8 +1,8 @@
 """A live run, in the process of the command: starts the loop and the process that stands by, watches, records and shows
 the loop, and says how the run ended.
 
-The stage needs nobody here: without this process the loop ramps to rest, and if the stage hangs, its process ends (see
-`loop`) and another one opens it anew and ramps it to rest (see `stand_by`).
+The stage needs nobody here: without this process the loop ramps to rest, and if the stage hangs, its process ends and
+another one opens it anew and ramps it to rest (see `loop`).
 
 Every second, new samples on the board are flushed to a stream of Arrow batches beside the requested file, so a crash or
 a full disk loses at most the last second. At the end the stream is converted to Parquet and removed; if there is no
@@ -22,9 +22,9 @@ from threading import Event
 import pyarrow as pa
 from pyarrow import parquet
 
-from bench.live import loop, stand_by
+from bench.live import loop
 from bench.live.board import Board, State, new_board
-from bench.live.device import Declared, DeviceError
+from bench.live.device import Declared, LiveError
 from bench.live.settings import LiveSettings
 from bench.timing import cores
 from piezo_model.atomic_file import replacing
@@ -43,7 +43,7 @@ def run(settings: LiveSettings, recording: Path | None, page: tuple[str, int] | 
     """Run to the end, optionally with a recording and with a page at an address.
 
     Returns sentences on the run, and its status: 0, 1 if the stage or the recording failed, or 128 plus the number of
-    the signal that ended the run. DeviceError if the page cannot be at its address, or the stage cannot be opened.
+    the signal that ended the run. LiveError if the page cannot be at its address, or the stage cannot be opened.
     """
     board, received, over, spawn = new_board(), list[int](), Event(), get_context("spawn")
     with cores.claim() as core:
@@ -58,7 +58,7 @@ def run(settings: LiveSettings, recording: Path | None, page: tuple[str, int] | 
         lock = socket(fileno=os.dup(core.fileno()))
         process = spawn.Process(target=loop.main, args=(settings, board, core.number, lock), daemon=True)
         process.start()
-        rescuer = spawn.Process(target=stand_by.main, args=(settings, board, process.pid), daemon=True)
+        rescuer = spawn.Process(target=loop.stand_by, args=(settings, board, process.pid), daemon=True)
         rescuer.start()
         loop.handle_signals(lambda number, _: received.append(number))
         while board.state == State.STARTING and process.is_alive() and not received:
@@ -68,7 +68,7 @@ def run(settings: LiveSettings, recording: Path | None, page: tuple[str, int] | 
             if received:
                 return [], 128 + received[0]
             late = process.exitcode == -signal.SIGALRM and f"did not open within {loop.OPENING_S:g} s"
-            raise DeviceError(f"{settings.name}: {board.reason or late or 'the process that opens it died'}")
+            raise LiveError(f"{settings.name}: {board.reason or late or 'the process that opens it died'}")
         recorded = recording and ThreadPoolExecutor().submit(record, board, recording, settings.declared, over)
         try:
             while process.is_alive():
@@ -113,8 +113,7 @@ def outcome(settings: LiveSettings, board: Board, process: BaseProcess, rescuer:
         return f"{reason}; another process has brought the stage to rest.", False
     why = "the second process died" if rescuer.exitcode else board.reason
     cannot = f"could not be brought to rest ({why})" if stage.reopens else "cannot be opened by another process"
-    last = quantity(board.drive, stage.input_unit)
-    return f"{reason}, and the stage {cannot}: its last drive was {last}.", False
+    return f"{reason}, and the stage {cannot}: its last drive was {quantity(board.drive, stage.input_unit)}.", False
 
 
 def stream_beside(path: Path) -> Path:

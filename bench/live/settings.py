@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 
 from bench.deploy.deployment import open_model
-from bench.live.device import Declared
+from bench.live.device import Declared, LiveError
 from piezo_model import (
     Compensator,
     HysteresisCreepModel,
@@ -31,10 +31,6 @@ SWEPT, BEYOND = 1_000, 0.01
 them, that is not mentioned: creep reaches a little further."""
 MOST_SAMPLES = 100_000
 """Most samples of a sine before it repeats, unless one period is longer."""
-
-
-class SettingsError(ValueError):
-    """Settings that no run can have; the message is one sentence."""
 
 
 @dataclass(frozen=True)
@@ -66,14 +62,14 @@ class LiveSettings:
         return self.declared.timeout_s + 1.0 / self.rate
 
     def compensator(self) -> Compensator | SelfLearningCompensator:
-        """The compensator, with its actuator at rest; SettingsError if no compensator can have these settings."""
+        """The compensator, with its actuator at rest; LiveError if no compensator can have these settings."""
         options: dict[str, Any] = {
             "x_limits": self.declared.x_limits,
             "rate_limit": self.declared.rate_limit,
             "x_start": self.declared.rest,
             "integral_gain": self.integral_gain,
         }
-        with checks.refusing(SettingsError, f"{self.name}: "):
+        with checks.refusing(LiveError, f"{self.name}: "):
             if self.learn == "off":
                 return Compensator(self.model, **options)
             known = self.model if self.identified else None
@@ -133,7 +129,7 @@ def first_model(
 def set_point(value: float | str, unit: str, y_range: tuple[float, float], sample_time: float) -> tuple[Vector, str]:
     """One output within the range."""
     low, high = sorted(y_range)
-    with checks.refusing(SettingsError):
+    with checks.refusing(LiveError):
         within = f"a number from {low:g} to {high:g} {shown(unit)}"
         checks.require(lambda y: low <= float(y) <= high, within, **{"the set point": value})
     return np.array([float(value)]), f"set point {quantity(float(value), unit)}"
@@ -153,12 +149,12 @@ def sine(text: str, unit: str, y_range: tuple[float, float], sample_time: float)
         (centre,) = more or [0.5 * sum(y_range)]
         checks.finite(amplitude=amplitude, centre=centre)
     except ValueError:
-        raise SettingsError(
+        raise LiveError(
             f"--sine {text}: must be a frequency in Hz and an amplitude in {shown(unit)}, such as 5Hz:10um, and "
             "optionally a centre"
         ) from None
     if not 0.0 < frequency < 0.5 / sample_time:
-        raise SettingsError(
+        raise LiveError(
             f"--sine {text}: the frequency must be positive and below half the sampling rate, {0.5 / sample_time:g} Hz"
         )
     phase = frequency * sample_time
@@ -178,7 +174,7 @@ def of_file(path: Path, unit: str, y_range: tuple[float, float], sample_time: fl
     """The reference column of a file, in the unit and of the sampling time of the stage."""
     reference = recordings.read_reference(path).suited(unit)
     if abs(reference.sample_time / sample_time - 1.0) > 0.01:
-        raise SettingsError(
+        raise LiveError(
             f"{path}: is sampled every {reference.sample_time:g} s, expected every {sample_time:g} s; "
             f"use --rate {1.0 / reference.sample_time:g}"
         )
