@@ -89,22 +89,17 @@ class DataBasis(Stateful):
         """
         s = self.structure
         x, y = checks.vectors(x=x, y=y)
+        checks.finite_arrays(x=x, y=np.where(np.isnan(y), 0.0, y))
+        x, y = s.unit_input(x), s.unit_output(y) if count else np.full(y.size, np.nan)
         known = ~np.isnan(y)
-        checks.finite_arrays(x=x, y=np.where(known, y, 0.0))
-        if x.size == 0:
-            return
-        x, y = s.unit_input(x), s.unit_output(y)
         with self._core.exclusive():
-            if not (count and known.any()):
-                bindings.basis_advance(self._core.block, x)
-                return
-            if self.samples == 0:
+            if known.any() and self.samples == 0:
                 r, state = self._core["r"], self.state
                 first_play = np.maximum(x[0] - r, np.minimum(x[0] + r, state.play))
                 self._start = OperatorState(first_play, state.creep.copy())
             low, high = self._span[::2], self._span[1::2]
-            self._span[::2] = np.minimum(low, (x[known].min(), y[known].min()))
-            self._span[1::2] = np.maximum(high, (x[known].max(), y[known].max()))
+            self._span[::2] = np.minimum(low, (x[known].min(initial=np.inf), y[known].min(initial=np.inf)))
+            self._span[1::2] = np.maximum(high, (x[known].max(initial=-np.inf), y[known].max(initial=-np.inf)))
             bindings.basis_update(self._core.block, x, y)
 
     def _mean_gram(self) -> Matrix:

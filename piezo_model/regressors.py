@@ -65,4 +65,4 @@ class Regressors:
 
     def advance(self, unit_x: Vector) -> None:
         """Pass over the next samples (N,)."""
-        bindings.basis_advance(self._core.block, unit_x)
+        bindings.basis_update(self._core.block, unit_x, np.full(unit_x.size, np.nan))

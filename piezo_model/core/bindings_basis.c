@@ -27,18 +27,6 @@ static void update(Basis *b, int64_t samples, const double *x, const double *y)
     }
 }
 
-static void advance_all(const Basis *b, int64_t samples, const double *x)
-{
-    for (int64_t k = 0; k < samples; ++k) {
-        advance(b->regressors.operators, b->shape, x[k], b->play, b->creep);
-    }
-}
-
-static void finish_block(const Basis *b)
-{
-    basis_add_rows(b->shape, b->rows, (int)b->head->filled, b->head->forgetting, b->gram);
-}
-
 static void write_rows(const Basis *b, int64_t samples, const double *x, const double *y, double *rows)
 {
     for (int64_t k = 0; k < samples; ++k) {
@@ -52,10 +40,7 @@ static void write_rows(const Basis *b, int64_t samples, const double *x, const d
       NEED_BYTES(0, basis_bytes(SHAPE_AT(1))), set_up(&a, MEMORY(0), SHAPE_AT(1), NUMBER(5)))                          \
     F(basis_update, "state@BAS1, x[n], y[n]", "add samples.", SAMPLES_LAST,                                            \
       update(BASIS, LENGTH(n), REALS(1), REALS(2)))                                                                    \
-    F(basis_advance, "state@BAS1, x[n]", "advance the states without adding samples.", SAMPLES_LAST,                   \
-      advance_all(BASIS, LENGTH(n), REALS(1)))                                                                         \
-    F(basis_finish, "state@BAS1",                                                                                      \
-      "add the rows of the unfinished block to the Gram matrix; takes no samples any more.", 0, finish_block(BASIS))   \
+    F(basis_finish, "state@BAS1", "add the rows of the unfinished block to the Gram matrix.", 0, basis_finish(BASIS))  \
     F(basis_rows, "state@BAS1, x[n], y[n], rows[n,r]=", "the rows of samples; advances the states, adds nothing.",     \
       (NEED_SIZE(r, row_nums(BASIS->shape)), SAMPLES_LAST),                                                            \
       write_rows(BASIS, LENGTH(n), REALS(1), REALS(2), REALS(3)))

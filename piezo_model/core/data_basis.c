@@ -30,18 +30,20 @@ void basis_setup(void *memory, Shape shape, real forgetting)
     ((BasisHead *)memory)->forgetting = forgetting;
 }
 
-void basis_add_rows(Shape s, real *rows, int count, real forgetting, real *gram)
+void basis_finish(Basis *b)
 {
-    const int stride = row_nums(s);
+    BasisHead *const head = b->head;
+    const int stride = row_nums(b->shape), count = (int)head->filled;
     real weight = 1;
-    for (int k = count - 1; k >= 0 && forgetting != 1; --k) { /* scale each row by the root of its weight */
+    for (int k = count - 1; k >= 0 && head->forgetting != 1; --k) { /* scale each row by the root of its weight */
         const vec8 root = splat(ROOT(weight));
         for (int i = 0; i < stride; i += LANES) {
-            store(rows + k * stride + i, mul(load(rows + k * stride + i), root));
+            store(b->rows + k * stride + i, mul(load(b->rows + k * stride + i), root));
         }
-        weight *= forgetting;
+        weight *= head->forgetting;
     }
-    gram_add(gram, row_width(s), weight, rows, stride, count);
+    gram_add(b->gram, row_width(b->shape), weight, b->rows, stride, count);
+    head->filled = 0;
 }
 
 void basis_count(Basis *b, real x, real y)
@@ -51,7 +53,6 @@ void basis_count(Basis *b, real x, real y)
     ++head->samples;
     ++head->filled;
     if (head->filled == BASIS_BLOCK) {
-        basis_add_rows(b->shape, b->rows, BASIS_BLOCK, head->forgetting, b->gram);
-        head->filled = 0;
+        basis_finish(b);
     }
 }

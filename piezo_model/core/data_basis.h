@@ -36,7 +36,7 @@ CORE_API Basis basis_at(void *memory);
 CORE_API void basis_setup(void *memory, Shape shape, real forgetting);
 /* Add one sample in normalised units. */
 CORE_API void basis_count(Basis *b, real x, real y);
-/* gram <- lambda^count gram + sum of lambda^(count-1-k) row_k row_k'; scales the rows in place. */
-CORE_API void basis_add_rows(Shape s, real *rows, int count, real forgetting, real *gram);
+/* End a block: gram <- lambda^filled gram + sum of lambda^(filled-1-k) row_k row_k'. */
+CORE_API void basis_finish(Basis *b);
 
 #endif

@@ -12,7 +12,7 @@ import pyarrow as pa
 import pytest
 import slowed_solver
 from command_line import CommandLine
-from hostile_files import STRUCTURE, change_machine
+from hostile_files import MODEL, STRUCTURE, change_machine
 from measured_rows import row
 from pyarrow import parquet
 from small_races import REFERENCE, Race, raced
@@ -32,6 +32,7 @@ from piezo_model import ModelError, SelfLearningCompensator, plants
 from solvers import Lane, find
 from solvers.protocol import setting_text
 
+ACCELERATED, STEPPED = "accelerated_projection", "projected_difference"
 SHORT = {"reset_s": 0.01, "build_s": 0.2, "learn_s": 0.05}
 CALLS = 3000
 Us = Callable[[int], np.ndarray]
@@ -440,6 +441,7 @@ def test_a_simulated_actuator_is_refused_without_the_option(
         (lambda data: data.update(mode="lazy"), "'lazy'"),
         (lambda data: data["model"].pop("w_H"), "w_H"),
         (lambda data: data.pop("model"), "'model' is missing"),
+        (lambda data: data["model"].update(version=2), "model: version 2 is not 3, the one this"),
     ],
 )
 def test_a_damaged_file_is_refused_in_one_sentence_that_names_it(
@@ -493,3 +495,70 @@ def test_a_loaded_file_is_the_saved_one_and_its_tolerances_follow_from_the_const
     assert cls.at(options["setting"], 1.0) == cls.ladder(1.0)[1]
     assert cls.at(options["setting"], 250.0) == cls.ladder(250.0)[1] != cls.ladder(1.0)[1]
     assert loaded.learner().settings.solver_options == options
+
+
+def deployment(**changes: Any) -> Deployment:
+    usual = {"solver": "box_active_set", "lane": "kernel", "tier": "mid", "settings": {}, "mode": "cyclic"}
+    return Deployment(**{"model": MODEL, "x_limits": (1.0, 9.0), **usual, **changes})
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"x_limits": np.array([0, 150])},
+        {"evidence": {"rms": np.float32(0.1), "curve": np.arange(3), "gap": np.inf}},
+    ],
+)
+def test_numbers_of_numpy_are_saved_and_loaded(changes: dict[str, Any], tmp_path: Path) -> None:
+    deployment(**changes).save(tmp_path / "c.json")
+    Deployment.load(tmp_path / "c.json").save(tmp_path / "again")
+    assert (tmp_path / "again").read_text() == (tmp_path / "c.json").read_text()
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"x_limits": (-np.inf, np.inf)}, "x_limits must be two finite numbers in ascending order"),
+        ({"x_limits": (5.0, 1.0)}, "x_limits must be two finite numbers in ascending order"),
+        ({"tier": "best"}, "'best' is not a valid Tier"),
+        ({"solver": "nobody"}, "there is no solver 'nobody'"),
+        ({"evidence": {"run": object()}}, "evidence.run is a object, which a file cannot hold"),
+        *(
+            ({"solver": solver, "settings": settings}, f"{solver} has no setting ")
+            for solver, settings in (
+                (ACCELERATED, {"tolerance": 0.5}),
+                (ACCELERATED, {"tolerance": {}}),
+                (ACCELERATED, {"setting": 99}),
+                (ACCELERATED, {"rung": 2}),
+                (ACCELERATED, {"lane": "none"}),
+                (STEPPED, {"steps": None}),
+                (STEPPED, {"steps": 2**70}),
+                (STEPPED, {"tolerance": {}}),
+            )
+        ),
+    ],
+    ids=str,
+)
+def test_what_no_compensator_or_file_can_have_is_refused_and_the_file_stays(
+    changes: dict[str, Any], sentence: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "c.json"
+    path.write_text("an older file")
+    with pytest.raises(ValueError, match=rf"^[^\n]*{sentence}[^\n]*$"):
+        deployment(**changes).save(path)
+    assert path.read_text() == "an older file"
+    if "settings" in changes:  # and in a file
+        solver = changes["solver"]
+        deployment(solver=solver, settings=dict(find(solver).load().ladder(1.0)[0])).save(path)
+        path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
+        with pytest.raises(ModelError, match=rf"^[^\n]*c\.json: {sentence}[^\n]*; its ladder goes from [^\n]*$"):
+            Deployment.load(path)
+
+
+def test_a_compensator_starts_with_its_model_solver_and_limits_and_other_options(tmp_path: Path) -> None:
+    deployment(solver=STEPPED, settings={"steps": 100}).save(tmp_path / "c.json")
+    learner = Deployment.load(tmp_path / "c.json").learner(build_s=1.0)
+    chosen = learner.settings
+    assert (chosen.solver, chosen.x_limits, chosen.build_s) == (STEPPED, (1.0, 9.0), 1.0)
+    assert learner.structure == MODEL.structure
+    assert learner.step(1e9, math.nan) == 9.0

@@ -152,7 +152,7 @@ def test_every_compiler_level_and_instruction_set_gives_the_bits_that_python_giv
     ("call", "message"),
     [
         (lambda block: bindings.basis_update(block, np.zeros(3), np.zeros(2)), "argument 3: expected"),
-        (lambda block: bindings.basis_advance(block[:-8].copy(), np.zeros(3)), "not the state"),
+        (lambda block: bindings.basis_finish(block[:-8].copy()), "not the state"),
         (lambda block: bindings.compensator_run(block, np.zeros(3), np.zeros(3)), "argument 1 is not the state"),
         (lambda block: bindings.basis_setup(block[:1000], 5, 7, 3, 0, 1.0), "has room for 1000 bytes and needs"),
     ],
