@@ -170,8 +170,17 @@ class SelfLearningCompensator(Learner):
             raise ValueError("the model has another structure than the one given")
         if estimate_offset and not structure.offset:
             model = replace(model, structure=replace(structure, offset=True))
-        limits, gain = (settings.x_limits, settings.rate_limit), settings.integral_gain
-        super().__init__(settings, Compensator(model, *limits, state, x_start=x_start, integral_gain=gain))
+        super().__init__(
+            settings,
+            Compensator(
+                model,
+                settings.x_limits,
+                settings.rate_limit,
+                state,
+                x_start=x_start,
+                integral_gain=settings.integral_gain,
+            ),
+        )
         self._last_x: float | None = None
 
     @property

@@ -209,7 +209,12 @@ def candidates(run: Run, rule: Rule) -> Iterator[Candidate]:
     nothing = measurements.rows.task[measurements.rows.solver == NULL_SOLVER]
     floor = [measurements.pooled([task], timed) for task in nothing for timed in (HOT, INTERLEAVED)]
     idle = np.concatenate([np.zeros(0), *floor])
-    _require_useful_deadline(run, rule, int(np.count_nonzero(idle > rule.deadline_us)), idle.size)
+    missed = np.count_nonzero(idle > rule.deadline_us)
+    if missed > idle.size / 2:
+        raise RunError(
+            f"{run.path}: a solver that does nothing misses {missed} of {idle.size} deadlines of "
+            f"{rule.deadline_us:g} µs, so this run says nothing about them"
+        )
     every = measurements.all_rows[
         (measurements.all_rows.scaling == "scaled") & measurements.all_rows.lane.isin([*map(str, rule.lanes)])
     ]
@@ -254,12 +259,3 @@ def explained(series: Sequence[Microseconds], calls: Microseconds, deadline_us: 
     k = int(np.count_nonzero(T + S - np.median(S) > deadline_us))
     most = math.ceil(min(rate_bound(k, K), k / K + UNOBSERVED_SHARE) * calls.size)
     return math.floor((1.0 - rate_bound(K - k, K)) * calls.size), most
-
-
-def _require_useful_deadline(run: Run, rule: Rule, missed: int, samples: int) -> None:
-    """RunError if the machine itself misses most deadlines."""
-    if missed > samples / 2:
-        raise RunError(
-            f"{run.path}: a solver that does nothing misses {missed} of {samples} deadlines of "
-            f"{rule.deadline_us:g} µs, so this run says nothing about them"
-        )

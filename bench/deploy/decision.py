@@ -10,7 +10,6 @@ A deadline that the machine itself misses more often than not is refused, becaus
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 from bench.deploy.actuator_model import ChosenModel
 from bench.deploy.candidates import QUANTILES, Candidate, Rule, candidates
@@ -74,21 +73,9 @@ class Decision:
             [*sentences, f"{solver_lanes(count)} do{'' if count != 1 else 'es'} not qualify."] if count else sentences
         )
 
-    def evidence(self) -> dict[str, Any]:
-        """Evidence for the file of the decision."""
-        settings = self.run.settings
-        return {
-            "run": self.run.path.name,
-            "machines": self.run.machines,
-            "solver_version": settings.get("lanes", {}).get(f"{self.chosen.solver} ({self.chosen.lane})", ""),
-            "rule": self.rule.sentence,
-            "why": self.sentences(),
-            "figures": self.chosen.metrics(),
-            "runners_up": [candidate.metrics() for candidate in self.runners_up[:3]],
-        }
-
     def deployment(self, actuator: ChosenModel) -> Deployment[HysteresisCreepModel]:
         """Content of the file; the mode is the one that `docs/learning.md` recommends."""
+        lanes = self.run.settings.get("lanes", {})
         return Deployment(
             model=actuator.model,
             solver=self.chosen.solver,
@@ -97,7 +84,16 @@ class Decision:
             settings=self.chosen.settings,
             mode="continuous",
             x_limits=actuator.model.structure.x_range,
-            evidence=self.evidence() | actuator.evidence(),
+            evidence={
+                "run": self.run.path.name,
+                "machines": self.run.machines,
+                "solver_version": lanes.get(f"{self.chosen.solver} ({self.chosen.lane})", ""),
+                "rule": self.rule.sentence,
+                "why": self.sentences(),
+                "figures": self.chosen.metrics(),
+                "runners_up": [candidate.metrics() for candidate in self.runners_up[:3]],
+                **actuator.evidence(),
+            },
         )
 
 

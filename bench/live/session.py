@@ -84,13 +84,12 @@ def run(settings: LiveSettings, recording: Path | None, page: tuple[str, int] | 
     first, samples = board.read(0)
     samples = samples[: max(0, (board.followed or board.head) - first)]
     _, tracking = settings.tracking(samples, min(int(SETTLED_S * settings.rate), len(samples) // 2) or 1)
-    reversed_output = [event for event in board.last_events() if REVERSED in event]
     sentences = [
         sentence,
         recorded.result() if recorded else "",
         tracking,
         board.timing(settings.rate),
-        *reversed_output,
+        *(event for event in board.last_events() if REVERSED in event),
     ]
     is_well = is_well and (recording is None or recording.exists())
     return [*filter(None, sentences)], 128 + received[0] if received else int(not is_well)

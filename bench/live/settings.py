@@ -72,9 +72,12 @@ class LiveSettings:
         with checks.refusing(LiveError, f"{self.name}: "):
             if self.learn == "off":
                 return Compensator(self.model, **options)
-            known = self.model if self.identified else None
             return SelfLearningCompensator(
-                self.model.structure, mode=self.learn, solver="box_active_set", model=known, **options
+                self.model.structure,
+                mode=self.learn,
+                solver="box_active_set",
+                model=self.model if self.identified else None,
+                **options,
             )
 
     def tracking(self, samples: Matrix, last: int) -> tuple[Vector, str]:
