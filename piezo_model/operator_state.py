@@ -21,6 +21,9 @@ from piezo_model.structure import ModelStructure, StructureError
 from solvers.arrays import Vector, reals
 from solvers.core import padded
 
+ROUNDING = 1e-12
+"""Distance from its limits, as a share of their width, at which a drive is still at a limit."""
+
 
 class States(TypedDict):
     """States as JSON types, without padding: play (n + 1), creep (rates, n + 1)."""
@@ -160,7 +163,7 @@ def drive_start(low: ArrayLike, high: ArrayLike, x_start: ArrayLike | None = Non
     Raises
     ------
     StructureError
-        It is outside the limits.
+        It is outside the limits, by more than their rounding: those of a model follow from centre and scale.
 
     Examples
     --------
@@ -171,13 +174,14 @@ def drive_start(low: ArrayLike, high: ArrayLike, x_start: ArrayLike | None = Non
     x = np.clip(0.0, low, high) if x_start is None else reals("x_start", x_start)
     if x.shape not in ((), low.shape):
         raise StructureError(f"x_start must be one number or one for each actuator, not of shape {x.shape}")
-    x = np.broadcast_to(x, low.shape)
-    for i in np.flatnonzero(~(np.isfinite(x) & (low <= x) & (x <= high))):
+    x, width = np.broadcast_to(x, low.shape), high - low
+    inside = np.clip(x, low, high)
+    for i in np.flatnonzero(~(np.abs(x - inside) <= np.where(np.isfinite(width), ROUNDING * width, 0.0))):
         raise StructureError(
             f"x_start{f'[{i}]' if x.ndim else ''} must be within the limits of the drive, {low.flat[i]:g} to "
             f"{high.flat[i]:g}, not {x.flat[i]:g}"
         )
-    return x
+    return inside
 
 
 def operator_arrays(structure: ModelStructure, dead_zones: ArrayLike) -> dict[str, Vector]:

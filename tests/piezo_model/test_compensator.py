@@ -97,6 +97,14 @@ def test_without_limits_given_the_drive_stays_within_the_range_of_the_model(mode
     assert Compensator(model).run([-50.0, 50.0]).tolist() == list(model.structure.x_range)
 
 
+@pytest.mark.parametrize("x_start", [-20.0, 115.012345])
+def test_a_stage_may_rest_at_either_end_of_a_range_that_centre_and_scale_round(
+    model: HysteresisCreepModel, x_start: float
+) -> None:
+    wider = replace(model, structure=replace(model.structure, x_centre=47.5061725, x_scale=67.50617249999999))
+    assert first_drives(wider, math.nan, x_start=x_start) == pytest.approx([x_start] * 7, rel=1e-12)
+
+
 def test_the_states_before_a_recording_are_for_a_model_that_has_them(model: HysteresisCreepModel) -> None:
     start = OperatorState.settled_at(model.structure, 30.0, came_from="below")
     known = replace(model, start=start)
