@@ -97,7 +97,7 @@ def identify_verb(
         bool, typer.Option("--force", help="Write the model even if it does not describe the data.")
     ] = False,
     page: Annotated[
-        Path | None, typer.Option(metavar="FILE.html", help="HTML file for a page with plots and advice.")
+        Path | None, typer.Option(metavar="FILE.html", help="HTML file for a page with plots and findings.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -149,7 +149,6 @@ def identify_verb(
         model.report["headline"],
         model.report["drive"]["sentence"],
         *model.report["findings"],
-        *model.report["advice"],
         f"Model: {out}",
         f"Page: {page}" if page else "",
     ]

@@ -1,7 +1,7 @@
 """A fit in detail: the model's output, the weights with the excitation of their operators, and the residual."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -51,12 +51,11 @@ class Review:
         f, power = welch(e - e.mean(), 1.0 / self.model.structure.sample_time, nperseg=min(4096, e.size))
         return f[1:], np.sqrt(power[1:])
 
-    def advice(self) -> Iterator[str]:
-        """Recommendations."""
-        if self.fitted:
-            yield from self.model.report["advice"]
-        if independent_samples([self.error[self.skipped :]]) > WHITE * (self.error.size - self.skipped):
-            yield "The error is white noise: higher orders would gain little."
+    @property
+    def is_white(self) -> bool:
+        """True if the counted error is white noise."""
+        error = self.error[self.skipped :]
+        return independent_samples([error]) > WHITE * error.size
 
 
 def review(recording: Recording, model: HysteresisCreepModel, validation: Validation | None = None) -> Review:

@@ -1,4 +1,4 @@
-"""The page of one recording: measured and modelled loops, error over time, weights, spectrum of the error, advice; and
+"""The page of one recording, with measured and modelled loops, error over time, weights and spectrum of the error; and
 the page of a drive to record."""
 
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ def report(name: str, review: Review) -> Report:
     first, *more = review.sentences
     tried, tables = _tried(review)
     return Report(
-        [first, *review.advice()],
+        [first, *["The error is white noise: higher orders would gain little."] * review.is_white],
         notes=more,
         title=f"Recording {name}",
         tables=tables,

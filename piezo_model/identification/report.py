@@ -82,7 +82,6 @@ class FitReport:
             "drive": {**own["drive"], "sentence": self._drive_sentence},
             "creep": self.evidence.to_dict(s.creep_rates, self.creep_chosen),
             "findings": findings[:MOST],
-            "advice": list(self._advice()),
             "sentences": [*filter(None, (headline, self.units)), *findings, *self._facts(s)],
         }
 
@@ -105,7 +104,7 @@ class FitReport:
 
     def _findings(self, s: ModelStructure) -> Iterator[str]:
         """The important sentences, the most important first."""
-        fit, verdict = self.fit, self.adequacy
+        fit, verdict, unreached = self.fit, self.adequacy, ", ".join(self.excitation.unreached)
         creep = self.evidence.sentence(s.creep_rates, self.creep_chosen)
         cause = " as a switch-on transient" * (fit.skipped_max_percent > FAR_MORE * fit.max_percent)
         for applies, sentence in (
@@ -123,12 +122,18 @@ class FitReport:
             ),
             (
                 fit.samples < fit.skipped,
-                f"Only {fit.samples} of {fit.samples + fit.skipped} samples are counted, too few to rely on.",
+                f"Only {fit.samples} of {fit.samples + fit.skipped} samples are counted, too few to rely on; record a "
+                "few complete loops.",
             ),
             (
                 verdict.monotonic_drive,
                 "The counted samples are almost a single branch: the drive hardly reverses, so hysteresis can "
-                "barely be distinguished from curvature.",
+                "barely be distinguished from curvature; record a few complete loops.",
+            ),
+            (
+                unreached,
+                f"The drive never reached the thresholds of {unreached}, where the model is a guess; drive over more "
+                "of the range, or choose lower orders.",
             ),
             (creep, creep),
             (
@@ -158,7 +163,7 @@ class FitReport:
 
     def _facts(self, s: ModelStructure) -> Iterator[str]:
         """Further sentences, for the page."""
-        rates, unreached = ", ".join(f"{rate:g}" for rate in s.creep_rates), ", ".join(self.excitation.unreached)
+        rates = ", ".join(f"{rate:g}" for rate in s.creep_rates)
         slight_lag = self.lag is not None and not self.lag.is_significant
         for applies, sentence in (
             (True, self._drive_sentence),
@@ -169,10 +174,6 @@ class FitReport:
                 f"The data show creep, distinguishable from hysteresis, at rates of {rates} per second.",
             ),
             (True, self._figures(s)),
-            (
-                unreached,
-                f"The drive never reached the thresholds of {unreached}; these weights keep their reference values.",
-            ),
         ):
             if applies:
                 yield str(sentence)
@@ -198,13 +199,3 @@ class FitReport:
             if name != "creep_percent_per_decade" or s.creep_rates
         ]
         return f"{', '.join(figures)}{'; 95 % intervals for these orders in brackets' * bool(between)}."
-
-    def _advice(self) -> Iterator[str]:
-        """Recommendations, the most useful first."""
-        if self.excitation.unreached:
-            yield (
-                "Drive over more of the range, or choose lower orders: the thresholds of "
-                f"{', '.join(self.excitation.unreached)} were never reached, and the model is a guess there."
-            )
-        if self.adequacy.monotonic_drive or self.fit.samples < self.fit.skipped:
-            yield "Record a few more complete loops."
