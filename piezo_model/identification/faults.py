@@ -2,7 +2,7 @@
 
     repeated output    y(k) = y(k − 1) exactly, where neighbours differ by more than the quantum of y
     held output        y changes at k = k₀ + j p only, p ≥ 2
-    limit              y = L − b max(t − f, 0), where t is the drive's distance from the end of a branch, f ≥ 5 %
+    limit              y = L − b max(t − f, 0), where t is the drive's distance from the end of a rise, f ≥ 5 %
     slew limit         edges of size A rise at a slope A^c with c near 0 and far from the 1 of a linear stage
     lost rows          y(k) = ŷ(k − a) before some sample and ŷ(k − b) after it, a ≠ b, or x for ŷ
     clock jitter       E e² = σ² + τ² (dŷ/dt)² for a white e = y − ŷ
@@ -10,7 +10,8 @@
 A hypothesis is a function that returns its evidence, a sentence, or None where the data do not show it or leave it
 open. A slope that falls to zero abruptly, before the drive turns, is the limit of an amplifier or of a sensor, which
 the data do not tell apart; rest after a reversal is play, and a slope that falls gently, as a cubic's, is saturation.
-What none explains has a sentence, and no name. Signals are shares of their ranges.
+Of a drive that rests on levels, a limit is one settled output of all rises that end on its highest levels. What none
+explains has a sentence, and no name. Signals are shares of their ranges.
 
 Sources: J. von Neumann, "Distribution of the ratio of the mean square successive difference to the variance", Ann.
 Math. Statist. 12 (1941) 367–395, for variances from differences; W. Kester (ed.), Data Conversion Handbook, 2005,
@@ -26,7 +27,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 from scipy.optimize import nnls
 from scipy.signal import find_peaks
-from scipy.stats import linregress
+from scipy.stats import linregress, theilslopes
 
 from piezo_model.identification.fit_errors import residual
 from piezo_model.recordings import Recording
@@ -38,13 +39,14 @@ SAMPLES, EXACT, TINY, NEAR, LIVE, TURNING, FEW, CHANCE = 50_000, 1e-9, 1e-7, 17,
 samples about one that are its neighbours; the smallest share of them that changes where neither stage nor drive rests;
 the smallest step of a drive that turns; fewest events that are a rule, and the smallest ratio of their number to that
 by chance."""
-BRANCHES, BEYOND, FLAT, ROUGH, ABRUPT, ONE_LEVEL = 100, 0.05, 0.08, 0.01, 100.0, 0.03
-"""Of a limit: most branches; smallest movement of the drive beyond it; largest slope there, as a share of that before;
-largest RMS error of the two lines; smallest χ² against cubics, which controls lift to 13; largest deviation of the
-levels, which creep and ringing move."""
-LATER, ONE_SLOPE, UNEQUAL, SURE, PARTS = 1.1, 0.35, 0.03, 3.0, (0.25, 0.5)
+BRANCHES, BEYOND, FLAT, STEEP, ROUGH, ABRUPT, ONE_LEVEL, EVEN = 100, 0.05, 0.08, 0.4, 0.01, 100.0, 0.03, 0.05
+"""Of a limit: most rises; smallest movement of the drive beyond it; largest slope there, as a share of that before;
+smallest slope before; largest RMS error of the two lines, and smallest step of a rise; smallest χ² against cubics,
+which controls lift to 13; largest deviation of the levels, which creep and ringing move; largest slope of settled
+outputs plus their deviation, as a share of the movement, which controls lower to 0.09."""
+LATER, ONE_SLOPE, UNEQUAL, SURE, LARGE = 1.1, 0.35, 0.03, 3.0, 0.25
 """Of a slew limit: smallest ratio of the output's rise to the drive's; largest exponent c, and largest deviation of the
-slopes' logarithms; their smallest error; smallest distance of c from 1, in its standard errors; smallest sizes, shares
+slopes' logarithms; their smallest error; smallest distance of c from 1, in its standard errors; smallest size, a share
 of the largest: small edges are linear."""
 SHIFTS, BLOCKS, SHIFTED = 40, 16, (0.5, 0.35)
 """Largest shift in samples, blocks, and largest ratio of the squares with two shifts to those with one, of the model
@@ -73,12 +75,20 @@ class Signals:
     @classmethod
     def of(cls, recording: Recording, y_model: Vector, skip: int, span: float) -> "Signals":
         """Those of the longest part, after the skipped samples; the span has the sign of the gain."""
-        parts = (slice(max(part.start, skip), part.stop) for part in recording.parts)
-        at = max(parts, key=lambda part: part.stop - part.start)
+        at = max(
+            (slice(max(part.start, skip), part.stop) for part in recording.parts),
+            key=lambda part: part.stop - part.start,
+        )
         x, y, modelled = (signal[at][:SAMPLES] for signal in (recording.x, recording.y, y_model))
         low = float(y.min() if span > 0.0 else y.max())
-        u = (x - x.min()) / max(float(np.ptp(x)), np.finfo(float).tiny)
-        return cls(u, (y - low) / span, (modelled - low) / span, low, span, recording)
+        return cls(
+            (x - x.min()) / max(float(np.ptp(x)), np.finfo(float).tiny),
+            (y - low) / span,
+            (modelled - low) / span,
+            low,
+            span,
+            recording,
+        )
 
     def size(self, share: float, digits: int = 2) -> str:
         """A difference of outputs in words."""
@@ -99,9 +109,12 @@ def repeated_output(s: Signals) -> str | None:
     repeats = live & (change <= EXACT)
     count = np.count_nonzero(repeats)
     by_chance = 0.5 * (np.count_nonzero(live & (change < least)) - count)  # half as many as changes by one quantum
-    rests = count and np.median(by_model[repeats]) <= 0.5 * np.median(by_model[live]) - EXACT
-    found = f"repeats exactly in {count} of {np.count_nonzero(live)} samples while it moves: samples are read twice"
-    return f"The output {found}." if count >= FEW + CHANCE * by_chance and not rests else None
+    return (
+        f"The output repeats exactly in {count} of {np.count_nonzero(live)} samples while it moves: samples are read "
+        "twice."
+        if count >= FEW + CHANCE * by_chance and np.median(by_model[repeats]) > 0.5 * np.median(by_model[live]) - EXACT
+        else None
+    )
 
 
 def held_output(s: Signals) -> str | None:
@@ -114,32 +127,40 @@ def held_output(s: Signals) -> str | None:
     period = float(gaps[gaps < 2.0 * np.quantile(gaps, 0.1)].mean())
     even = period > 1.9 and np.quantile(np.abs(gaps - period * np.round(gaps / period)), 0.99) < 1.0
     own = moves.mean() > LIVE or np.mean(moves[at] | moves[at - 1]) < LIVE
-    found = f"every {period:.3g} samples ({s.time(period, 3)}) only: the sensor is slower than the recorder"
-    return f"The output changes {found}." if even and own else None
+    return (
+        f"The output changes every {period:.3g} samples ({s.time(period, 3)}) only: the sensor is slower than the "
+        "recorder."
+        if even and own
+        else None
+    )
 
 
 def spikes(s: Signals) -> str | None:
     """Samples of the output far from both neighbours, and from the model, on one side."""
     apart = np.minimum(*(np.abs(signal - median_filter(signal, 3)) for signal in (s.v, s.v - s.model)))
     found = apart[apart > max(SPIKE, FAR * float(np.quantile(apart, 0.99)))]
-    where = (
-        f"{found.size} sample{'s' * (found.size > 1)}, of up to {percent(100.0 * found.max(initial=0.0))} of the range"
+    return (
+        f"The output has spikes in {found.size} sample{'s' * (found.size > 1)}, of up to "
+        f"{percent(100.0 * found.max())} of the range; they are counted as if the stage moved."
+        if found.size
+        else None
     )
-    return f"The output has spikes in {where}; they are counted as if the stage moved." if found.size else None
 
 
 def limit(s: Signals) -> str | None:
-    """Branches to one side that end in a line of slope zero, at one level."""
+    """Rises to one side that end in a line of slope zero, at one level; of a drive that rests, of its settled outputs,
+    the medians, which are limited as the output is, and which ringing does not move."""
+    begins = np.flatnonzero(np.abs(np.diff(s.u, prepend=-1.0)) > EXACT)
+    u, v, flat_end = s.u, s.v, _flat_end
+    if begins.size * NEAR < s.u.size:
+        u, v, flat_end = s.u[begins], np.array([np.median(rest) for rest in np.split(s.v, begins[1:])]), _flat_levels
     for side, which in ((1.0, "rises"), (-1.0, "falls")):
-        found = filter(None, (_kink(t, h) for t, h in _branches(side * s.u, side * s.v)))
-        kinks = [kink for kink in found if kink[2] > 2.0 * _quantum(s.v)]
-        level, chi_square, flat = np.reshape(kinks, (-1, 3)).T
-        several = level.size > 1 or level.max(initial=-2.0) > np.max(side * s.v) - ONE_LEVEL
-        if several and chi_square.sum() > ABRUPT and level.std() < ONE_LEVEL:
-            where = quantity(s.low + s.span * side * float(np.median(level)), s.recording.output_unit, 3)
+        level, flat = flat_end(side * u, side * v)
+        if flat > 2.0 * _quantum(s.v):
             return (
-                f"The output stops abruptly at {where} while the drive still {which} by up to "
-                f"{percent(100.0 * flat.max())} of its range: the amplifier or the sensor is at its limit."
+                f"The output stops abruptly at {quantity(s.low + s.span * side * level, s.recording.output_unit, 3)} "
+                f"while the drive still {which} by up to {percent(100.0 * flat)} of its range: the amplifier or the "
+                "sensor is at its limit."
             )
     return None
 
@@ -147,19 +168,18 @@ def limit(s: Signals) -> str | None:
 def slew_limit(s: Signals) -> str | None:
     """Edges of large and small steps of one slope."""
     edges = np.reshape([*_edges(s)], (-1, 2))
-    for part in PARTS:
-        size, rise = edges[edges[:, 0] > part * edges[:, 0].max(initial=0.0)].T
-        if size.size < 2 or size.max() == size.min() or np.median(rise) < 2.0:
-            continue
-        line, apart = linregress(np.log(size), np.log(size / rise)), size.size**0.5 * np.log(size).std()
-        error = math.hypot(line.stderr, math.sqrt(UNEQUAL**2 + np.mean(1.0 / (6.0 * rise**2))) / apart)
-        if 1.0 - line.slope > SURE * error and max(abs(line.slope), np.log(size / rise).std()) < ONE_SLOPE:
-            slope = s.size(0.6 * float(np.median(size / rise)) / s.recording.sample_time)
-            return (
-                f"Edges of {s.size(size.min())} to {s.size(size.max())} all move at about {slope} a second: the "
-                "amplifier limits the slew rate."
-            )
-    return None
+    size, rise = edges[edges[:, 0] > LARGE * edges[:, 0].max(initial=0.0)].T
+    if size.size < 2 or size.max() == size.min() or np.median(rise) < 2.0:
+        return None
+    line, apart = linregress(np.log(size), np.log(size / rise)), size.size**0.5 * np.log(size).std()
+    error = math.hypot(line.stderr, math.sqrt(UNEQUAL**2 + np.mean(1.0 / (6.0 * rise**2))) / apart)
+    return (
+        f"Edges of {s.size(size.min())} to {s.size(size.max())} all move at about "
+        f"{s.size(0.6 * float(np.median(size / rise)) / s.recording.sample_time)} a second: the amplifier limits the "
+        "slew rate."
+        if 1.0 - line.slope > SURE * error and max(abs(line.slope), np.log(size / rise).std()) < ONE_SLOPE
+        else None
+    )
 
 
 def lost_rows(s: Signals) -> str | None:
@@ -191,20 +211,27 @@ def clock_jitter(s: Signals) -> str | None:
     (constant, slope), _ = nnls(np.column_stack([1.0 / third, fast / third]), np.ones(GROUPS))
     left, white = np.log((constant + slope * fast + EXACT**2) / third), np.log(first / third)[GROUPS // 2 :]
     jitter, grows = float(np.sqrt(slope / MEDIAN)), slope * fast[-1] > constant
-    even = max(np.abs(left).max(), np.abs(white).max()) < UNEVEN and np.log(third).var() > CLEAR * np.mean(left**2)
-    found = (
+    return (
         "The error grows with the output's speed, as if the samples' times were uncertain by "
         f"{jitter:.2g} sampling periods ({s.time(jitter)}): the clock jitters."
+        if grows
+        and jitter > LEAST_JITTER
+        and max(np.abs(left).max(), np.abs(white).max()) < UNEVEN
+        and np.log(third).var() > CLEAR * np.mean(left**2)
+        else None
     )
-    return found if grows and even and jitter > LEAST_JITTER else None
 
 
 def unexplained(s: Signals) -> str | None:
     """An error far above the noise."""
     error = s.v - s.model
     rms, noise = np.sqrt(np.mean(error**2)), np.sqrt(np.median(np.diff(error, 3) ** 2) / (20.0 * MEDIAN)) + EXACT
-    found = f"The model leaves {percent(100.0 * rms)} of the range, {rms / noise:.2g} times the noise"
-    return f"{found}, which is none of the known faults." if rms > max(NOTABLE, MANY * noise) else None
+    return (
+        f"The model leaves {percent(100.0 * rms)} of the range, {rms / noise:.2g} times the noise, which is none of "
+        "the known faults."
+        if rms > max(NOTABLE, MANY * noise)
+        else None
+    )
 
 
 FAULTS: tuple[tuple[Callable[[Signals], str | None], ...], ...] = (
@@ -216,8 +243,8 @@ FAULTS: tuple[tuple[Callable[[Signals], str | None], ...], ...] = (
 
 def faults_of(signals: Signals) -> list[str]:
     """The sentences of the first kind of faults that the signals show; none of a short recording."""
-    kinds = FAULTS if signals.u.size > 4 * SHIFTS else ()
-    return next(filter(None, ([*filter(None, (fault(signals) for fault in kind))] for kind in kinds)), [])
+    kinds = ([*filter(None, (fault(signals) for fault in kind))] for kind in FAULTS if signals.u.size > 4 * SHIFTS)
+    return next(filter(None, kinds), [])
 
 
 def _nearby(values: Vector | Mask) -> Vector:
@@ -230,28 +257,58 @@ def _quantum(v: Vector) -> float:
     return float((apart := np.diff(np.unique(v)))[apart > EXACT].min(initial=1.0))
 
 
-def _branches(u: Vector, v: Vector) -> Iterator[tuple[Vector, Vector]]:
-    """Distances of a rising drive from the end of each branch, and the output."""
-    padded = np.concatenate([[-1.0 + u.min()], u, [-1.0 + u.min()]])
+def _rises(u: Vector) -> Iterator[slice]:
+    """Those of a drive from its lowest sample between two tops to the later top."""
+    padded = np.pad(u, 1, constant_values=u.min() - 1.0)
     tops = find_peaks(padded, prominence=BEYOND, plateau_size=1)[1]["left_edges"][:BRANCHES] - 1
     for before, top in pairwise((0, *tops.tolist())):
-        branch = slice(before + int(np.argmin(u[before : top + 1])), top + 1)
-        yield u[top] - u[branch], v[branch]
+        yield slice(before + int(np.argmin(u[before : top + 1])), top + 1)
+
+
+def _flat_end(u: Vector, v: Vector) -> tuple[float, float]:
+    """Level and longest flat end of rises that end abruptly, at one level; zeros without them."""
+    kinks = filter(None, (_kink(u[at.stop - 1] - u[at], v[at]) for at in _rises(u)))
+    level, chi_square, flat = np.reshape([*kinks], (-1, 3)).T
+    several = level.size > 1 or level.max(initial=-2.0) > v.max() - ONE_LEVEL
+    one = several and chi_square.sum() > ABRUPT and level.std() < ONE_LEVEL
+    return (float(np.median(level)), float(flat.max())) if one else (0.0, 0.0)
 
 
 def _kink(t: Vector, h: Vector) -> tuple[float, float, float] | None:
-    """Level, χ² against a cubic, and length of the flat end of a branch; None without one."""
+    """Level, χ² against a cubic, and length of the flat end of a rise, t below its top; None without one."""
     kinks, flat_end = [], abs(h[t < 0.5 * BEYOND].mean() - h[t < BEYOND].mean()) < 0.2 * BEYOND  # of a line, 0.25
     for flat in np.geomspace(BEYOND, max(0.5 * t.max(), BEYOND), 16 * flat_end).tolist():
         near, y = t[t <= 2.0 * flat] / flat, h[t <= 2.0 * flat]
-        if min(np.count_nonzero(near < 1.0), np.count_nonzero(near > 1.0)) < 4:
-            continue
         lines = np.column_stack([np.ones(near.size), np.maximum(near - 1.0, 0.0), np.minimum(near, 1.0)])
         two = np.linalg.lstsq(lines, y, rcond=None)[0]
         squares, others = (np.mean(left**2) for left in (y - lines @ two, residual(np.vander(near, 4), y)))
-        if abs(two[2]) < -FLAT * two[1] and two[1] < -0.4 * flat and squares < ROUGH**2:
+        if (
+            min(np.count_nonzero(near < 1.0), np.count_nonzero(near > 1.0)) >= 4
+            and abs(two[2]) < -FLAT * two[1]
+            and two[1] < -STEEP * flat
+            and squares < ROUGH**2
+        ):
             kinks.append((float(two[0]), float(y.size * (others - squares) / (squares + EXACT**2)), flat))
     return max(kinks, key=lambda kink: kink[1], default=None)
+
+
+def _flat_levels(u: Vector, v: Vector) -> tuple[float, float]:
+    """Level and flat end of the settled outputs of all rises, without their beginnings, where play rests; zeros if no
+    end is flat. By medians, since the first rise of a stage may be another one."""
+    at = np.concatenate([np.r_[rise][v[rise] > v[rise.start] + ROUGH] for rise in _rises(u)])
+    u, v = u[at], v[at]
+    for lower, last in pairwise(np.unique(u).tolist()):
+        flat, beyond, below = u.max() - last, u >= last, (u <= last) & (u >= min(lower, 2.0 * last - u.max()))
+        level = np.median(v[beyond])
+        apart = np.median(np.abs(v[beyond] - level)) / max(flat, BEYOND)
+        if (
+            flat > BEYOND
+            and apart < EVEN
+            and apart + abs(theilslopes(v[beyond], u[beyond])[0]) < EVEN
+            and theilslopes(v[below], u[below])[0] > STEEP
+        ):
+            return float(level), float(flat)
+    return 0.0, 0.0
 
 
 def _edges(s: Signals) -> Iterator[tuple[float, int]]:

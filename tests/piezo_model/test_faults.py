@@ -1,11 +1,12 @@
 """Faults of the bench are called by their names, and what resembles them is not."""
 
 from collections.abc import Callable
+from itertools import accumulate
 
 import numpy as np
 import pytest
 from numpy.random import Generator
-from recording_kinds import SAMPLE_TIME, Vector, drive, loops, noisy, resonant
+from recording_kinds import SAMPLE_TIME, Vector, creeping, drive, loops, noisy, resonant
 
 from piezo_model import IdentificationError, Recording, identify
 from piezo_model.identification.faults import Signals, faults_of, unexplained
@@ -14,18 +15,16 @@ from piezo_model.operators import play
 K = np.arange(6000)
 
 
-def steps(rng: Generator) -> Vector:
-    return np.repeat(rng.uniform(-1.0, 1.0, 30), 200)
-
-
 def slewing(u: Vector, rate: float) -> Vector:
     """The drive behind an amplifier that changes by at most a rate in a sample."""
-    x = u.copy()
-    for k in range(1, x.size):
-        x[k] = x[k - 1] + np.clip(u[k] - x[k - 1], -rate, rate)
-    return x
+    return np.array([*accumulate(u, lambda x, target: x + np.clip(target - x, -rate, rate))])
 
 
+RESTING: dict[str, Callable[[Generator], Vector]] = {
+    "steps": lambda rng: np.repeat(rng.uniform(-1.0, 1.0, 30), 200),
+    "stairs": lambda _: np.repeat(1.0 - np.abs(np.linspace(-2.0, 2.0, 25)), 240),
+}
+"""Drives that rest on levels."""
 FAULTS: dict[str, Callable[[Generator, Vector, Vector], Vector]] = {
     "repeats exactly in": lambda rng, _, y: y[np.maximum.accumulate(np.where(rng.uniform(size=K.size) < 0.1, 0, K))],
     "changes every 5 samples": lambda _, u, y: y[K // 5 * 5],
@@ -35,6 +34,11 @@ FAULTS: dict[str, Callable[[Generator, Vector, Vector], Vector]] = {
     "lost rows": lambda _, u, y: np.concatenate([y[:2500], y[2520:], np.full(20, y[-1])]),
     "the clock jitters": lambda rng, _, y: np.interp(K + 0.3 * rng.normal(size=K.size), K, y),
     "limits the slew rate": lambda rng, u, _: noisy(rng, loops(rng, slewing(u, 0.02)), 1e-3),
+}
+LIMITS: dict[str, Callable[[Generator, Vector], Vector]] = {
+    "amplifier": lambda rng, u: loops(rng, np.minimum(u, 0.4)),
+    "sensor": lambda rng, u: np.minimum(creeping(rng, u), 0.4),
+    "sensor of a stage that rings": lambda rng, u: np.minimum(resonant(loops(rng, u), 80.0, 0.05), 0.4),
 }
 CONTROLS: dict[str, Callable[[Vector], Vector]] = {
     "saturation": lambda u: np.tanh(2.5 * u),
@@ -46,8 +50,7 @@ CONTROLS: dict[str, Callable[[Vector], Vector]] = {
 
 
 def signals(u: Vector, y: Vector, model: Vector) -> Signals:
-    made = Recording.from_arrays(u, y, SAMPLE_TIME, output_unit="um")
-    return Signals.of(made, model, 0, float(np.ptp(y)))
+    return Signals.of(Recording.from_arrays(u, y, SAMPLE_TIME, output_unit="um"), model, 0, float(np.ptp(y)))
 
 
 @pytest.mark.sample(8)
@@ -55,21 +58,31 @@ def signals(u: Vector, y: Vector, model: Vector) -> Signals:
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_is_named_alone(fault: str, form: int) -> None:
     rng = np.random.default_rng(form)
-    u = steps(rng) if "slew" in fault else drive(rng, K.size, form)
+    u = RESTING["steps"](rng) if "slew" in fault else drive(rng, K.size, form)
     clean = loops(rng, u, 0.2)
-    (sentence,) = faults_of(signals(u, FAULTS[fault](rng, u, noisy(rng, clean, 5e-4)), clean))
-    assert fault in sentence
+    found = faults_of(signals(u, FAULTS[fault](rng, u, noisy(rng, clean, 5e-4)), clean))
+    assert [fault in sentence for sentence in found] == [True]
+
+
+@pytest.mark.sample(12)
+@pytest.mark.parametrize("resting", RESTING)
+@pytest.mark.parametrize("limited", LIMITS)
+@pytest.mark.parametrize("seed", range(10))
+def test_a_limit_is_named_where_the_drive_rests_on_levels(seed: int, limited: str, resting: str) -> None:
+    rng = np.random.default_rng(seed)
+    u = RESTING[resting](rng)
+    found = faults_of(signals(u, noisy(rng, LIMITS[limited](rng, u), 1e-3), u))
+    assert ["while the drive still rises by" in sentence for sentence in found] == [True]
 
 
 @pytest.mark.parametrize("noise", [0.0, 2e-3])
-@pytest.mark.parametrize("form", [2, 4, 6])
+@pytest.mark.parametrize("form", [2, 4, *RESTING])
 @pytest.mark.parametrize("control", CONTROLS)
-def test_what_resembles_a_fault_is_not_named(control: str, form: int, noise: float) -> None:
-    rng = np.random.default_rng(form)
-    u = steps(rng) if form == 6 else drive(rng, K.size, form)
+def test_what_resembles_a_fault_is_not_named(control: str, form: int | str, noise: float) -> None:
+    rng = np.random.default_rng(6)
+    u = RESTING[form](rng) if isinstance(form, str) else drive(rng, K.size, form)
     clean = CONTROLS[control](u)
-    x = u[K // 7 * 7] if "held" in control else u
-    assert faults_of(signals(x, noisy(rng, clean, noise), clean)) == []
+    assert faults_of(signals(u[K // 7 * 7] if "held" in control else u, noisy(rng, clean, noise), clean)) == []
 
 
 def test_an_error_that_no_fault_explains_has_a_sentence_without_a_name() -> None:
@@ -85,6 +98,5 @@ def test_a_fault_is_a_finding_of_a_model_and_part_of_a_refusal(factor: float) ->
     u = drive(rng, 3000, 1)
     y = factor * np.minimum(loops(rng, u, 0.2), 0.3)
     assert "at its limit" in identify(Recording.from_arrays(u, y, SAMPLE_TIME), n=3, m=1).report["findings"][0]
-    y = np.minimum(2.0 * u - loops(rng, u, 0.9), 0.5)
     with pytest.raises(IdentificationError, match=r"RMS residual .*\. The output stops abruptly at .* its limit$"):
-        identify(Recording.from_arrays(u, y, SAMPLE_TIME))
+        identify(Recording.from_arrays(u, np.minimum(2.0 * u - loops(rng, u, 0.9), 0.5), SAMPLE_TIME))
