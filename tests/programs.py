@@ -13,8 +13,7 @@ from typing import NoReturn
 
 import pytest
 
-from solvers import Solver
-from solvers.registry import Entry, describe, find
+from solvers import Entry, Solver, describe, find
 
 ALL = bool(os.environ.get("PIEZOBENCH_ALL_TESTS"))
 PACKAGES = {

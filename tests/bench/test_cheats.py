@@ -6,7 +6,6 @@ import cheating_solvers
 import numpy as np
 import pytest
 from command_line import CommandLine
-from qpsolvers import Problem
 from small_races import Race, race_of
 
 from bench.messages.task import NO_SETTING, Outcome, Setting, Status, Task, Tier
@@ -17,9 +16,8 @@ from bench.races import measuring, null_solver
 from bench.races.measuring import row_of, timed
 from bench.races.metrics import relative_gap
 from bench.timing.clock import Effort
-from solvers import Lane, find
+from solvers import Entry, Lane, Problem, find, from_file
 from solvers.certificate import certify
-from solvers.registry import Entry, from_file
 
 RIGHT = {
     "honest",

@@ -9,7 +9,6 @@ import pandas as pd
 import pytest
 from command_line import CommandLine
 from measured_rows import NAN, ladder, row, table
-from qpsolvers import Problem
 from small_races import Race, raced
 
 from bench.messages.task import NO_SETTING, Row, Status, Task, settings_ladder
@@ -22,9 +21,8 @@ from bench.races.metrics import judge_timed
 from bench.races.passes import LONGEST_INTERLEAVED_US, NEAR, planned
 from bench.timing.clock import Effort
 from bench.timing.percentiles import percentile
-from solvers import Lane, find
+from solvers import Lane, Problem, describe, find, from_file
 from solvers.certificate import certify
-from solvers.registry import describe, from_file
 
 QP = Problem(np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([1.0, -4.0]), lb=np.zeros(2), ub=np.full(2, np.inf))
 

@@ -11,7 +11,6 @@ import faulty_solvers
 import numpy as np
 import pytest
 from command_line import CommandLine
-from qpsolvers import Problem
 from small_races import Race, race_of, saved
 
 from bench.messages.task import PAPER, settings_ladder
@@ -19,9 +18,8 @@ from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.races.race import EXPONENT, first_pass_settings, tasks_of
 from bench.races.settings import RaceSettings
 from bench.store import Run
-from solvers import Lane, find
+from solvers import Described, Lane, Problem, describe, find
 from solvers.certificate import certify
-from solvers.registry import Described, describe
 
 LADDER = """
     @classmethod

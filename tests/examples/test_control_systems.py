@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from programs import library
 from random_models import Case, cases, drive
 
-from piezo_model import Compensator, ModelStructure
-from piezo_model.operator_state import OperatorState
+from piezo_model import Compensator, ModelStructure, OperatorState
 from solvers.arrays import Vector
 
 control = library("control")

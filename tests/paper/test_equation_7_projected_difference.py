@@ -5,9 +5,8 @@ import pytest
 from box_programs import INF, seeds, spectrum_matrix
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from qpsolvers import Problem
 
-from solvers import get
+from solvers import Problem, get
 
 quick = settings(max_examples=40, deadline=None)
 

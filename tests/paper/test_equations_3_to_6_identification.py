@@ -12,11 +12,8 @@ from hypothesis import strategies as st
 from known_models import a_drive, structure, true_model
 from random_models import Case, cases, drive
 
-from piezo_model.data_basis import DataBasis
-from piezo_model.identification.identify import identify
+from piezo_model import DataBasis, ModelStructure, OperatorState, identify
 from piezo_model.identification_problem import Coordinates, Scaling
-from piezo_model.operator_state import OperatorState
-from piezo_model.structure import ModelStructure
 
 
 def test_the_papers_case_has_eighteen_unknowns_in_the_papers_order() -> None:

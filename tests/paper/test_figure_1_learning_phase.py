@@ -9,9 +9,8 @@ from learning_loops import learner_for, sensor
 from qpsolvers import Problem
 
 import solvers
-from piezo_model import SelfLearningCompensator
+from piezo_model import IdentificationProblem, SelfLearningCompensator
 from piezo_model.identification.error_model import ProgramSolver
-from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.learning.events import Phase
 from piezo_model.learning.solving import solved, step_ratio
 

@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from piezo_model.model import HysteresisCreepModel
-from piezo_model.operator_state import OperatorState
-from piezo_model.structure import ModelStructure
+from piezo_model import HysteresisCreepModel, ModelStructure, OperatorState
 
 
 def structure(**changes: object) -> ModelStructure:

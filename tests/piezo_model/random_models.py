@@ -9,9 +9,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 from plain_model import rows
 
-from piezo_model.model import HysteresisCreepModel
-from piezo_model.operator_state import OperatorState
-from piezo_model.structure import ModelStructure
+from piezo_model import HysteresisCreepModel, ModelStructure, OperatorState
 
 Vector = NDArray[np.float64]
 

@@ -13,13 +13,16 @@ from hypothesis import strategies as st
 from learning_loops import MODES, T, learner_for, sensor, structure_for
 from random_models import FREE, Case, cases, drive
 
-from piezo_model.bank import CompensatorBank
+from piezo_model import (
+    CompensatorBank,
+    HysteresisCreepModel,
+    ModelError,
+    ModelStructure,
+    OperatorState,
+    SelfLearningCompensator,
+)
 from piezo_model.compensator import BUMP, CORRECTION, Compensator
 from piezo_model.learning.settings import Mode
-from piezo_model.model import HysteresisCreepModel, ModelError
-from piezo_model.operator_state import OperatorState
-from piezo_model.self_learning import SelfLearningCompensator
-from piezo_model.structure import ModelStructure
 
 
 def chunks(case: Case, values: np.ndarray) -> list[np.ndarray]:

@@ -7,8 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_models import Case, cases
 
-from piezo_model.data_basis import DataBasis
-from piezo_model.structure import ModelStructure
+from piezo_model import DataBasis, ModelStructure
 
 BLOCK = 64
 """Number of rows per update."""

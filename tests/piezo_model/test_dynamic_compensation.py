@@ -20,6 +20,7 @@ from piezo_model import (
     CompensatorBank,
     Dynamics,
     HysteresisCreepModel,
+    ModelError,
     ModelStructure,
     OperatorState,
     Recording,
@@ -28,7 +29,6 @@ from piezo_model import (
     plants,
     signals,
 )
-from piezo_model.model import ModelError
 from piezo_model.prefilter import Prefilter
 
 ONE = Dynamics((500.0,), (0.01,), (1.0,), 1.3125 * T)

@@ -4,11 +4,8 @@ import known_models
 import numpy as np
 import pytest
 
-from piezo_model.data_basis import DataBasis
+from piezo_model import DataBasis, HysteresisCreepModel, IdentificationProblem, ModelStructure
 from piezo_model.identification.error_model import ProgramSolver
-from piezo_model.identification_problem import IdentificationProblem
-from piezo_model.model import HysteresisCreepModel
-from piezo_model.structure import ModelStructure
 
 
 def structure(**changes: object) -> ModelStructure:

@@ -15,14 +15,18 @@ import pytest
 from hypothesis import given, settings
 from random_models import Case, cases, drive, model_of, structure_of
 
-from piezo_model import identify
+from piezo_model import (
+    Compensator,
+    HysteresisCreepModel,
+    ModelError,
+    ModelStructure,
+    OperatorState,
+    StructureError,
+    identify,
+)
 from piezo_model.atomic_file import write_text
-from piezo_model.compensator import Compensator
 from piezo_model.json_file import decoded
-from piezo_model.model import HysteresisCreepModel, ModelError
-from piezo_model.operator_state import OperatorState
 from piezo_model.operators import creep, creep_gain, dead_zone, play
-from piezo_model.structure import ModelStructure, StructureError
 
 # Simulation.
 

@@ -10,11 +10,10 @@ import pytest
 from known_models import a_drive, structure, true_model
 from plain_stage import THRESHOLDS, Vector, stage
 
-from piezo_model import HysteresisCreepModel, Recording, identify
+from piezo_model import HysteresisCreepModel, ModelError, Recording, identify
 from piezo_model.identification import gram_matrix, start
 from piezo_model.identification.autocorrelation import autocorrelation_time, independent_samples
 from piezo_model.identification.creep import holds
-from piezo_model.model import ModelError
 
 SAMPLE_TIME = 5e-3
 

@@ -7,11 +7,16 @@ import numpy as np
 import pytest
 from command_line import CommandLine
 
-from piezo_model import Dynamics, HysteresisCreepModel, Recording, identify
-from piezo_model.identification.error_model import IdentificationError
-from piezo_model.operator_state import OperatorState
+from piezo_model import (
+    Dynamics,
+    HysteresisCreepModel,
+    IdentificationError,
+    ModelStructure,
+    OperatorState,
+    Recording,
+    identify,
+)
 from piezo_model.recordings import write_table
-from piezo_model.structure import ModelStructure
 from piezo_model.units import UnitError
 
 SLOW, FAST = 0.05, 5e-4

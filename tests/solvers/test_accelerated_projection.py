@@ -5,9 +5,8 @@ import pytest
 from box_programs import INF, gap, inside, random_program, seeds
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from qpsolvers import Problem
 
-from solvers import get
+from solvers import Problem, get
 
 
 def solved(name, P, q, lb, ub, **settings_):

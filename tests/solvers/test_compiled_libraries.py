@@ -10,12 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 from programs import library, solver_class
-from qpsolvers import Problem
 
 import solvers
-from solvers import Lane, Solver, Unsupported
+from solvers import Entry, Lane, Problem, Solver, Unsupported, describe
 from solvers.protocol import Matrix, Vector
-from solvers.registry import Entry, describe
 
 NAMES = ("daqp", "quadprog")
 FORMS = ("boxes", "one-sided", "mixed", "rows")

@@ -18,11 +18,9 @@ import numpy as np
 import pytest
 from box_programs import INF, spectrum_matrix
 from programs import ALL, solver_class
-from qpsolvers import Problem
 
 import solvers
-from solvers import Lane, Solver, Unsupported, arrays, checks, rows
-from solvers.registry import Entry, available, entries
+from solvers import Entry, Lane, Problem, Solver, Unsupported, arrays, available, checks, entries, rows
 
 OURS = "accelerated_projection box_active_set projected_difference"
 DEFAULT_RACE = {

@@ -12,11 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from programs import lacking, program
-from qpsolvers import Problem
 
 import piezo_model.core
 import solvers
-from solvers import core
+from solvers import Problem, core
 from solvers.core import bindings, block, compile_core
 
 FOLDER = Path(core.__file__).parent

@@ -11,11 +11,10 @@ from programs import solver_class
 import solvers
 from bench.problems.protocol import CertifiedForm
 from bench.problems.simulation import Experiment
-from solvers import Lane, Solver, Unsupported, registry
+from solvers import Entry, Lane, Solver, Unsupported, registry
 from solvers.adapter import LibrarySolver
 from solvers.certificate import exact_cost_gap
 from solvers.protocol import setting_text
-from solvers.registry import Entry
 
 LIBRARIES = [entry for entry in solvers.entries() if entry.name not in registry.OURS]
 OURS = [entry for entry in solvers.entries() if entry.lane is Lane.KERNEL and entry.name in registry.OURS]

@@ -16,11 +16,10 @@ import numpy as np
 import pytest
 from answered_pairs import FORMS, arrays, asking, pair, strided_and_locked
 from programs import solver_class
-from qpsolvers import Problem
 from scipy.sparse import csc_matrix, csr_matrix
 
 import solvers
-from solvers import Lane, Solver, Unsupported, cvxpy_lane, qpsolvers_lane
+from solvers import Lane, Problem, Solver, Unsupported, cvxpy_lane, qpsolvers_lane
 from solvers.cvxpy_lane import CvxpySolver, square_root
 from solvers.registry import FAMILIES
 
