@@ -27,8 +27,7 @@ def response(system: Any, u: Vector, z: Vector) -> Vector:
 @given(cases())
 @settings(max_examples=15)
 def test_the_system_of_any_model_simulates_as_the_model_does(case: Case) -> None:
-    s = case.structure
-    x = s.x_centre + s.x_scale * drive(case.rng, SAMPLES)
+    s, x = case.structure, case.a_drive(SAMPLES)
     found = response(model_system(case.model), x, initial_states(s, case.state))
     np.testing.assert_allclose(found, case.model.simulate(x, case.state), rtol=0.0, atol=1e-12 * s.y_scale)
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from known_models import a_drive, structure, true_model
-from random_models import Case, cases, drive
+from random_models import Case, cases
 
 from piezo_model import DataBasis, ModelStructure, OperatorState, identify
 from piezo_model.identification_problem import Coordinates, Scaling
@@ -48,11 +48,8 @@ def test_the_papers_case_has_eighteen_unknowns_in_the_papers_order() -> None:
 @settings(max_examples=30)
 @given(cases())
 def test_the_error_model_vanishes_at_the_weights_that_made_the_data(case: Case) -> None:
-    s = case.structure
-    x = s.x_centre + s.x_scale * drive(case.rng, 200)
-    y = case.model.simulate(x, case.state)
-    basis = DataBasis(s, case.state)
-    basis.update(x, y)
+    x, basis = case.a_drive(200), DataBasis(case.structure, case.state)
+    basis.update(x, case.model.simulate(x, case.state))
     problem = basis.problem()
     size = 1 + np.abs(case.model.weights) @ np.abs(problem.P) @ np.abs(case.model.weights)
     assert abs(problem.cost(case.model.weights)) < 1e-13 * size
@@ -110,7 +107,7 @@ def test_every_form_has_the_cost_of_the_error_model_and_the_proximal_term(
 ) -> None:
     s, rng = case.structure, case.rng
     basis = DataBasis(s, case.state)
-    basis.update(s.x_centre + s.x_scale * drive(rng, 300), s.y_centre + s.y_scale * 1.5 * drive(rng, 300))
+    basis.update(*case.recording(300))
     reference, w = rng.uniform(0, 1, s.d), rng.uniform(0, 1, s.d)
     problem = basis.problem(reference, proximal=1e-4)
     v, v_ref = s.inverse_slope_map @ w, s.inverse_slope_map @ reference
@@ -130,11 +127,10 @@ def test_every_form_has_the_cost_of_the_error_model_and_the_proximal_term(
 @settings(max_examples=40)
 @given(cases(), st.integers(0, 2**32 - 1))
 def test_box_and_cone_admit_the_same_weights(case: Case, seed: int) -> None:
-    s, rng = case.structure, np.random.default_rng(seed)
-    basis = DataBasis(s, case.state)
-    basis.update(s.x_centre + s.x_scale * drive(rng, 200), s.y_centre + s.y_scale * drive(rng, 200))
+    s, basis = case.structure, DataBasis(case.structure, case.state)
+    basis.update(*case.recording(200))
     problem = basis.problem(min_slope=0.05)
-    v = rng.uniform(-0.02, 1, s.d)
+    v = np.random.default_rng(seed).uniform(-0.02, 1, s.d)
     assume(np.min(np.abs(v - s.lower_bounds(0.05))) > 1e-6)
     admissible = bool(np.all(v >= s.lower_bounds(0.05)))
     for form in FORMS:

@@ -25,17 +25,14 @@ from piezo_model.compensator import BUMP, CORRECTION, Compensator
 from piezo_model.learning.settings import Mode
 
 
-def chunks(case: Case, values: np.ndarray) -> list[np.ndarray]:
-    return np.split(values, np.sort(case.rng.integers(0, values.size, 3)))
-
-
 @settings(max_examples=40)
 @given(cases())
 def test_sample_by_sample_and_in_chunks_the_drive_is_the_same(case: Case) -> None:
     y_ref = case.reference(60)
     whole = Compensator(case.model, FREE, state=case.state).run(y_ref)
     by_chunk, by_sample = (Compensator(case.model, FREE, state=case.state) for _ in range(2))
-    np.testing.assert_array_equal(np.concatenate([by_chunk.run(part) for part in chunks(case, y_ref)]), whole)
+    chunks = np.split(y_ref, np.sort(case.rng.integers(0, 60, 3)))
+    np.testing.assert_array_equal(np.concatenate([by_chunk.run(part) for part in chunks]), whole)
     np.testing.assert_allclose([by_sample.step(y) for y in y_ref], whole, rtol=0, atol=case.x_tolerance)
 
 
@@ -48,8 +45,8 @@ def test_the_states_are_those_of_the_actuator_that_saw_the_limited_drive(case: C
     compensator = Compensator(case.model, limits, rate, case.state)
     x = compensator.run(case.reference())
     actuator = case.model.advance(x, case.state)[1]
-    np.testing.assert_allclose(compensator.state.play, actuator.play, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(compensator.state.creep, actuator.creep, rtol=0, atol=1e-12)
+    for name in ("play", "creep"):
+        np.testing.assert_allclose(getattr(compensator.state, name), getattr(actuator, name), rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
@@ -146,8 +143,7 @@ def test_any_reference_gives_a_drive_that_is_finite_and_inside_all_limits(case: 
 @settings(max_examples=30)
 @given(cases())
 def test_without_limits_the_drive_stays_finite_too(case: Case) -> None:
-    x = Compensator(case.model, FREE).run([1e300, -1.7e308, math.inf, math.nan, 0.0])
-    assert np.all(np.isfinite(x))
+    assert np.all(np.isfinite(Compensator(case.model, FREE).run([1e300, -1.7e308, math.inf, math.nan, 0.0])))
 
 
 @settings(max_examples=30)
@@ -195,15 +191,10 @@ def test_an_unreachable_reference_leaves_no_bump_behind_when_the_model_changes()
 @settings(max_examples=20)
 @given(cases(), st.integers(0, 60))
 def test_memory_and_restore_go_on_bit_for_bit(case: Case, cut: int) -> None:
-    s = case.structure
-    y_ref = s.y_centre + s.y_scale * drive(case.rng, 60)
-    whole, one = (
-        Compensator(case.model, (s.x_centre - s.x_scale, s.x_centre + s.x_scale), state=case.state) for _ in range(2)
-    )
+    s, y_ref = case.structure, case.reference(60)
+    whole, one = (Compensator(case.model, s.x_range, state=case.state) for _ in range(2))
     first = one.run(y_ref[:cut])
-    other = Compensator(
-        HysteresisCreepModel.from_weights(s, s.straight_line), (s.x_centre - s.x_scale, s.x_centre + s.x_scale)
-    )
+    other = Compensator(HysteresisCreepModel.from_weights(s, s.straight_line), s.x_range)
     other.restore(one.get_state())
     np.testing.assert_array_equal(np.concatenate([first, other.run(y_ref[cut:])]), whole.run(y_ref))
 
