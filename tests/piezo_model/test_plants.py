@@ -122,9 +122,7 @@ def test_an_actuator_refuses_a_wrong_option_by_its_name(name, option, value):
 @settings(max_examples=25, deadline=None)
 @given(turns=st.lists(st.floats(-100.0, 300.0), min_size=1, max_size=12))
 def test_the_displacement_stays_in_its_range_whatever_the_drive(name, turns):
-    y = plants.get(name, sample_time=TS, y_range=(0.0, 40.0)).run(ramp(0.0, *turns))
-    assert y.min() >= -1e-9
-    assert y.max() <= 40.0 + 1e-9
+    assert np.abs(bare(name).run(ramp(0.0, *turns))).max() <= 20.0 + 1e-9
 
 
 @every_plant
@@ -160,19 +158,16 @@ def test_the_major_loop_lags_and_has_the_width_of_a_stack_actuator(name):
     y = bare(name).run(np.tile(x, 3))[-x.size :]
     up, down = y[:501], y[500:][::-1]
     assert np.all(down[1:-1] > up[1:-1])
-    area = -np.trapezoid(y, x)
-    assert area > 0.08 * 150.0 * np.ptp(y)
+    assert -np.trapezoid(y, x) > 0.08 * 150.0 * np.ptp(y)
     assert 0.12 < (down - up).max() / np.ptp(y) < 0.155
 
 
 @every_plant
 def test_the_displacement_creeps_by_a_few_percent_and_by_about_as_much_each_decade(name):
-    plant = plants.get(name)
-    low = plant.run(np.zeros(10))[-1]
-    y = plant.run(np.full(80_000, 100.0))
-    step = y[8] - low
-    assert 0.02 < (y[-1] - y[8]) / step < 0.06
-    decades = np.diff(y[[79, 799, 7_999, 79_999]]) / step
+    y = plants.get(name).run(np.r_[np.zeros(10), np.full(80_000, 100.0)])[9:]
+    crept = (y - y[9]) / (y[9] - y[0])
+    assert 0.02 < crept[-1] < 0.06
+    decades = np.diff(crept[[80, 800, 8_000, 80_000]])
     assert np.all((decades > 0.005) & (decades < 0.02))
 
 
@@ -191,8 +186,7 @@ def test_every_branch_is_strictly_monotone(name, turns):
 @settings(max_examples=25, deadline=None)
 @given(turns=st.lists(volts, min_size=2, max_size=8))
 def test_hysteresis_without_creep_does_not_know_the_speed(name, turns):
-    slow = plants.get(name, creep_share=0.0).run(ramp(0.0, *turns, per_ramp=300))
-    fast = plants.get(name, creep_share=0.0).run(ramp(0.0, *turns, per_ramp=100))
+    slow, fast = (plants.get(name, creep_share=0.0).run(ramp(0.0, *turns, per_ramp=count)) for count in (300, 100))
     np.testing.assert_allclose(slow[::3], fast, atol=2e-6)
 
 
@@ -226,27 +220,24 @@ def test_bouc_wen_solves_its_equation():
     plant = BoucWen(creep_share=0.0, exponent=1.0)
     u = np.linspace(-1.0, 1.0, 1001)
     h = plant.stiffness * (u - plant.run(75.0 + 75.0 * u) / 20.0)
-    h0 = h[0]
     # For n = 1 each side of h = 0 is a linear equation: dh/du = A + (β − γ) |h| below and A − (β + γ) h above.
     A, beta, gamma = plant.loading_slope, plant.beta, plant.gamma
-    below = (A + (beta - gamma) * -h0) * np.exp(-(beta - gamma) * (u + 1.0))
-    zero = -1.0 - np.log(A / (A + (beta - gamma) * -h0)) / (beta - gamma)
+    below = (A + (beta - gamma) * -h[0]) * np.exp(-(beta - gamma) * (u + 1.0))
+    zero = -1.0 - np.log(A / (A + (beta - gamma) * -h[0])) / (beta - gamma)
     above = A * -np.expm1(-(beta + gamma) * (u - zero))
     exact = np.where(u < zero, (A - below) / (beta - gamma), above / (beta + gamma))
     np.testing.assert_allclose(h, exact, atol=1e-5)
 
 
-def gap_of_one_minor_loop(plant):
+@pytest.mark.parametrize(
+    ("name", "least", "most"),
+    [("bouc_wen", 0.2, np.inf), ("relay_preisach", 0.0, 1e-10), ("dense_prandtl_ishlinskii", 0.0, 1e-10)],
+)
+def test_a_minor_loop_of_bouc_wen_does_not_close_and_those_of_the_others_do(name, least, most):
+    plant = plants.get(name, creep_share=0.0)
     plant.run(ramp(0.0, 150.0, 60.0))
     loop = plant.run(ramp(60.0, 90.0, 60.0))
-    return abs(loop[-1] - loop[0])
-
-
-def test_a_minor_loop_of_bouc_wen_does_not_close_and_those_of_the_others_do():
-    gaps = {name: gap_of_one_minor_loop(plants.get(name, creep_share=0.0)) for name in NAMES}
-    assert gaps["bouc_wen"] > 0.2
-    assert gaps["relay_preisach"] < 1e-10
-    assert gaps["dense_prandtl_ishlinskii"] < 1e-10
+    assert least <= abs(loop[-1] - loop[0]) < most
 
 
 # The plants are not in the model class
@@ -265,10 +256,12 @@ def voltage_width_of_minor_loop(name, low):
 
 def test_the_width_of_a_minor_loop_changes_with_its_bias_for_preisach_as_it_cannot_for_prandtl_ishlinskii():
     # y = S[H[x]] with a memoryless S: the width along x at constant y is that of H, the same at each bias.
-    biases = (0.0, 30.0, 60.0, 90.0, 120.0)
-    widths = {name: [voltage_width_of_minor_loop(name, low) for low in biases] for name in NAMES}
-    assert max(widths["dense_prandtl_ishlinskii"]) / min(widths["dense_prandtl_ishlinskii"]) < 1.001
-    assert max(widths["relay_preisach"]) / min(widths["relay_preisach"]) > 1.5
+    dense, preisach = (
+        [voltage_width_of_minor_loop(name, low) for low in (0.0, 30.0, 60.0, 90.0, 120.0)]
+        for name in ("dense_prandtl_ishlinskii", "relay_preisach")
+    )
+    assert max(dense) / min(dense) < 1.001
+    assert max(preisach) / min(preisach) > 1.5
 
 
 def residual_of_the_model_class(x, y, n, m):

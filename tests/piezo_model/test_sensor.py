@@ -16,8 +16,8 @@ from piezo_model.learning.events import Verdict
 
 def added(size=50_000, **options):
     """Error of the sensor of a plant at rest."""
-    still = plants.get("bouc_wen", sample_time=TS, creep_share=0.0).run(np.zeros(size))
-    return plants.Sensor(plants.get("bouc_wen", sample_time=TS, creep_share=0.0), **options).run(0.0 * still) - still
+    still, plant = np.zeros(size), plants.get("bouc_wen", sample_time=TS, creep_share=0.0)
+    return plants.Sensor(plant, **options).run(still) - plants.get("bouc_wen", creep_share=0.0).run(still)
 
 
 def test_the_noise_has_its_standard_deviation_and_is_white():
@@ -51,17 +51,12 @@ def test_the_measurement_is_the_nearest_multiple_of_the_quantum():
     assert (m - y).std() == pytest.approx(0.05 / np.sqrt(12.0), rel=0.1)
 
 
-def test_a_delayed_measurement_is_the_earlier_displacement_and_starts_with_the_first():
-    x = walk()
+@pytest.mark.parametrize("options", [{}, {"delay_samples": 4}])
+def test_a_measurement_is_the_displacement_or_an_earlier_one_that_starts_with_the_first(options):
+    x, late = walk(), options.get("delay_samples", 0)
     y = bare("bouc_wen").run(x)
-    m = plants.Sensor(bare("bouc_wen"), delay_samples=4).run(x)
-    np.testing.assert_array_equal(m[4:], y[:-4])
-    np.testing.assert_array_equal(m[:4], np.full(4, y[0]))
-
-
-def test_a_sensor_without_options_measures_the_displacement_itself():
-    x = walk()
-    np.testing.assert_array_equal(plants.Sensor(bare("bouc_wen")).run(x), bare("bouc_wen").run(x))
+    expected = np.concatenate([np.full(late, y[0]), y[: y.size - late]])
+    np.testing.assert_array_equal(plants.Sensor(bare("bouc_wen"), **options).run(x), expected)
 
 
 @pytest.mark.parametrize(

@@ -46,8 +46,8 @@ def drive(kind: str, seed: int) -> np.ndarray:
 
 def recorded(stage: HysteresisCreepModel, kind: str, seed: int = 0, noise: float = 3e-4) -> Recording:
     """A recording of the stage."""
-    x, model = drive(kind, seed), stage.at(PERIODS[kind])
-    y = model.simulate(x, OperatorState.before_drive(STATIC))
+    x = drive(kind, seed)
+    y = stage.at(PERIODS[kind]).simulate(x, OperatorState.before_drive(STATIC))
     if kind == "fast":
         y = MODE.filter(y, FAST, float(y[0]))
     y += noise * np.ptp(y) * np.random.default_rng(100 + seed).normal(size=y.size)

@@ -17,25 +17,16 @@ def make(name, **options):
     return SIGNALS[name](**{**TWO_SECONDS, **({"seed": 7} if seeded else {}), **options})
 
 
-every_signal = pytest.mark.parametrize("name", SIGNALS)
-
-
-@every_signal
+@pytest.mark.parametrize("name", SIGNALS)
 @settings(max_examples=20, deadline=None)
 @given(low=st.floats(-1e3, 1e3), width=st.floats(1e-3, 1e3), seconds=st.floats(0.05, 3.0), seed=st.integers(0, 2**31))
-def test_every_signal_stays_inside_its_limits(name, low, width, seconds, seed):
-    seeded = "seed" in inspect.signature(SIGNALS[name]).parameters
-    options = {"seed": seed} if seeded else {}
-    s = SIGNALS[name](duration_s=seconds, sample_time=1e-3, low=low, high=low + width, **options)
-    assert s.shape == (round(seconds / 1e-3),)
-    assert s.dtype == np.float64
+def test_every_signal_stays_inside_its_limits_and_is_a_pure_function_of_its_arguments(name, low, width, seconds, seed):
+    given_seed = {"seed": seed} if "seed" in inspect.signature(SIGNALS[name]).parameters else {}
+    s, again = (make(name, duration_s=seconds, low=low, high=low + width, **given_seed) for _ in range(2))
+    assert (s.shape, s.dtype) == ((round(seconds / 1e-3),), np.float64)
     assert s.min() >= low
     assert s.max() <= low + width
-
-
-@every_signal
-def test_a_signal_is_a_pure_function_of_its_arguments(name):
-    np.testing.assert_array_equal(make(name), make(name))
+    np.testing.assert_array_equal(s, again)
 
 
 @pytest.mark.parametrize("function", [random_walk, multi_sine])
