@@ -16,12 +16,13 @@ import slowed_solver
 from box_programs import many_weak_rows
 from command_line import CommandLine
 from example_scripts import run_example
+from hostile_files import spoiled
 from qpsolvers import Problem
 from scipy.sparse import csc_matrix
 
 from bench.problem_files import read
 from bench.problem_files.npz import packed_program
-from bench.problem_files.program import ReadProgram, fields_of
+from bench.problem_files.program import ReadProgram
 from bench.problems.foreign import Boxes
 from bench.store import Run
 from solvers.certificate import certify
@@ -74,9 +75,8 @@ def saved(problem: Problem, folder: Path) -> Path:
 def test_a_certificate_is_confirmed_by_a_script_without_any_package(
     piezobench: CommandLine, tmp_path: Path, name: str
 ) -> None:
-    program, answer = PROGRAMS[name], RNG.normal(size=PROGRAMS[name].q.size)
-    file = saved(program, tmp_path)
-    np.save(tmp_path / "x.npy", answer)
+    file = saved(PROGRAMS[name], tmp_path)
+    np.save(tmp_path / "x.npy", RNG.normal(size=PROGRAMS[name].q.size))
     piezobench.run("certify", file, "--answer", tmp_path / "x.npy", "--out", tmp_path / "certificate.json")
     said = checked(tmp_path / "certificate.json", file)
     assert said.returncode == 0, said.stderr
@@ -157,26 +157,19 @@ def test_a_certificate_with_any_number_changed_in_one_digit_is_refused(tmp_path:
     main(str(copy), str(file))
     changed = 0
     for path, text in leaves(found):
-        if path[0] == "second_optimum":  # the new one may be an optimum too, and then the statement is still true
-            continue
-        spoilt = json.loads(json.dumps(found))
-        place = spoilt
-        for key in path[:-1]:
-            place = place[key]
-        place[path[-1]] = with_one_digit_changed(text)
-        copy.write_text(json.dumps(spoilt))
-        with pytest.raises(SystemExit, match=r"^refused: "):
-            main(str(copy), str(file))
-        changed += 1
+        if path[0] != "second_optimum":  # the new one may be an optimum too, and then the statement is still true
+            copy.write_bytes(*spoiled(found, path, json.dumps(with_one_digit_changed(text))))
+            with pytest.raises(SystemExit, match=r"^refused: "):
+                main(str(copy), str(file))
+            changed += 1
     assert changed > 30
 
 
 def test_a_certificate_of_other_data_is_refused_for_one_bit(tmp_path: Path) -> None:
     program = PROGRAMS["box"]
     (tmp_path / "c.json").write_text(json.dumps(document(program, certify(program, np.zeros(6)))))
-    fields = {name: value for name, value in fields_of(program).items() if value is not None}
-    fields["q"] = np.nextafter(fields["q"], np.inf, where=np.arange(6) == 3, out=fields["q"].copy())
-    np.savez(tmp_path / "other.npz", **fields)
+    nudged = np.where(np.arange(6) == 3, np.nextafter(program.q, np.inf), program.q)
+    np.savez(tmp_path / "other.npz", P=program.P, q=nudged, **BOX)
     assert "refused: q of the certificate is not that of" in checked(tmp_path / "c.json", tmp_path / "other.npz").stderr
 
 
@@ -225,9 +218,8 @@ def test_a_proof_that_takes_too_much_work_ends_with_status_4_and_says_how_far_it
 ) -> None:
     file = saved(PROGRAMS["rows and equalities"], tmp_path)
     ended = piezobench("certify", file, "--work", 100, "--out", tmp_path / "c.json")
-    assert ended.status == 4
+    assert (ended.status, (tmp_path / "c.json").exists()) == (4, False)
     assert "no proof within 1e+02 bit operations of exact arithmetic; P is convex, and no active set" in ended.stderr
-    assert not (tmp_path / "c.json").exists()
 
 
 def test_the_programs_of_the_public_set_have_the_same_bits_everywhere() -> None:
@@ -236,9 +228,8 @@ def test_the_programs_of_the_public_set_have_the_same_bits_everywhere() -> None:
         program = source()
         assert isinstance(program, ReadProgram)
         qp = program.qp
-        digest.update(name.encode())
-        for array in (qp.P, qp.q, qp.lb, qp.ub):
-            digest.update(np.ascontiguousarray(array).tobytes())
+        arrays = (np.ascontiguousarray(array).tobytes() for array in (qp.P, qp.q, qp.lb, qp.ub))
+        digest.update(b"".join([name.encode(), *arrays]))
     assert digest.hexdigest() == "7a2c23039d26cb811a2b7a87a32ac9503ea0d43a463dbb876ed684435c50b63b"
 
 
