@@ -1,6 +1,7 @@
 """A file from outside is used, or refused in one sentence that names it; nothing else happens."""
 
 import json
+import re
 import shutil
 import zipfile
 from collections.abc import Callable, Iterator
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pytest
-from command_line import CommandLine
+from command_line import CommandLine, contents
 from hostile_files import (
     DEEP,
     LONG,
@@ -69,8 +70,7 @@ def use_bank(path: Path) -> None:
 
 
 def use_learner(path: Path) -> None:
-    learner = SelfLearningCompensator.load(path)
-    assert np.isfinite([learner.step(2.0, 1.0) for _ in range(20)]).all()
+    assert np.isfinite(SelfLearningCompensator.load(path).replay(np.full(20, 2.0), np.full(20, 1.0))).all()
 
 
 def use_model(path: Path) -> None:
@@ -143,8 +143,7 @@ def run(folder: Path, clean_race: Race) -> Iterator[Run]:
 
 def test_a_run_whose_settings_do_not_fit_is_refused_by_file_and_field(run: Run) -> None:
     path = run.path / "run.json"
-    good = path.read_text()
-    for what, text in spoiled_documents(json.loads(good)):
+    for what, text in spoiled_documents(json.loads(path.read_text())):
         path.write_bytes(text)
         refusal(what, path, open_run, run.path, RunError)
 
@@ -165,15 +164,10 @@ def test_a_table_that_does_not_fit_is_refused_by_file_and_column(
     table, good = parquet.read_table(path), read(run)
     for what, other in spoiled_tables(table):
         parquet.write_table(other, path)
-        if message := refusal(what, path, read, run, RunError):
-            assert (
-                what == "no rows" or "twice" in message or any(repr(name) in message for name in table.column_names)
-            ), (
-                what,
-                message,
-            )
-        else:
-            assert read(run).dtypes.equals(good.dtypes) or "nothing" in what or "no rows" in what, what
+        message = refusal(what, path, read, run, RunError)
+        named = what == "no rows" or "twice" in message or any(repr(name) in message for name in table.column_names)
+        taken = message == "" and (read(run).dtypes.equals(good.dtypes) or "nothing" in what or "no rows" in what)
+        assert taken or (message and named), (what, message)
     for damaged in (b"", whole[:1000], whole[:4] + bytes(len(whole) - 8) + whole[-4:], b"PAR1" * 10):
         path.write_bytes(damaged)
         with pytest.raises(RunError, match=r"\.parquet: cannot be read"):
@@ -249,9 +243,7 @@ def test_every_verb_that_reads_a_damaged_run_refuses_it_and_writes_nothing(
         ["compare", clean_race.run.path, run.path, "--out", tmp_path / "c"],
         ["deploy", run.path, "--out", tmp_path / "d.json", "--simulated"],
     ):
-        refusal = piezobench(*words).refusal
-        assert f"{path}: " in refusal
-        assert message in refusal
+        assert re.search(f"{re.escape(str(path))}: .*{re.escape(message)}", piezobench(*words).refusal)
     assert not list(tmp_path.iterdir())
     assert [*run.path.parent.iterdir()] == [run.path]
 
@@ -300,17 +292,15 @@ def test_a_run_that_names_a_python_file_is_continued_only_with_that_file(
 ) -> None:
     (tmp_path / "mine.py").write_text(HARM)
     run = clean_race.unfinished(tmp_path / "run", solver_files=[str(tmp_path / "mine.py")], solvers=["daqp"])
-    before = (run.path / "run.json").read_text()
-    for words in ((), ("--solver", tmp_path / "other.py")):
-        refusal = piezobench("resume", run.path, *words).refusal
-        assert (
-            f"names the Python file {tmp_path / 'mine.py'}, whose code would run; if you trust it, add --s" in refusal
-        )
-    assert (run.path / "run.json").read_text() == before
-    assert not (tmp_path / "HARMED").exists()
+    before, named = contents(tmp_path), f"names the Python file {tmp_path / 'mine.py'}, whose code would run; if you "
     words = ("resume", run.path, "--solver", "mine.py", "--solver", "other.py")
-    assert f"the race did not use {tmp_path / 'other.py'}" in piezobench(*words, folder=tmp_path).refusal
-    assert not (tmp_path / "HARMED").exists()
+    for further, why in (
+        ((), named),
+        (words[-2:], named),
+        (words[2:], f"the race did not use {tmp_path / 'other.py'}"),
+    ):
+        assert why in piezobench(*words[:2], *further, folder=tmp_path).refusal
+        assert contents(tmp_path) == before
     run.note(lanes={**run.settings["lanes"], "mine (direct)": "0badc0de"})
     assert "raced mine (direct) in version 0badc0de, and" in piezobench(*words[:-2], folder=tmp_path).refusal
     run.note(lanes={})
@@ -368,7 +358,6 @@ def test_a_set_whose_name_is_code_is_not_exported_as_a_test_set(
     with np.load(next((clean_race.run.path / "problems").glob("*.npz"))) as arrays:
         meta = json.dumps({**json.loads(str(arrays["meta"])), "set": name})
         np.savez(tmp_path / "from" / "p.npz", **{**arrays, "meta": np.array(meta)})
-    refusal = piezobench("problems", "--from", tmp_path / "from", "--export", tmp_path / "out").refusal
-    assert "p.npz" in refusal
-    assert "the field 'set' is wrong" in refusal
+    call = piezobench("problems", "--from", tmp_path / "from", "--export", tmp_path / "out")
+    assert re.search("p.npz.*the field 'set' is wrong", call.refusal)
     assert not list((tmp_path / "out").iterdir())

@@ -97,11 +97,15 @@ def with_changed_defaults(rows: pd.DataFrame) -> pd.DataFrame:
     return rows.assign(setting=rows.setting.mask(of_solver(rows), texts))
 
 
-def renamed(rows: pd.DataFrame) -> pd.DataFrame:
-    return rows.assign(problem=rows.problem + "-other", problem_set="elsewhere")
-
-
-@pytest.mark.parametrize("change", [with_changed_defaults, renamed])
+@pytest.mark.parametrize(
+    "change",
+    [
+        with_changed_defaults,
+        pytest.param(
+            lambda rows: rows.assign(problem=rows.problem + "-other", problem_set="elsewhere"), id="other names"
+        ),
+    ],
+)
 def test_neither_the_names_of_problems_nor_the_defaults_of_a_version_are_keys(
     wide_race: Race, tmp_path: Path, change: Change
 ) -> None:
@@ -184,9 +188,12 @@ def test_between_the_same_races_the_other_way_round_nothing_is_worse(
     piezobench: CommandLine, slowed_races: tuple[Path, Path], tmp_path: Path
 ) -> None:
     words = ("compare", *reversed(slowed_races), "--out", tmp_path / "c", "--fail-on")
-    assert piezobench(*words, "difference").status == 3
-    assert piezobench(*words, "regression", "--smallest", 100).status == 0
-    assert piezobench(*words, "regression", "--smallest", 1.001).status == 4
+    for further, status in (
+        (("difference",), 3),
+        (("regression", "--smallest", 100), 0),
+        (("regression", "--smallest", 1.001), 4),
+    ):
+        assert piezobench(*words, *further).status == status
     assert "a ratio above 1" in piezobench(*words, "regression", "--smallest", 1).refusal
 
 
@@ -196,9 +203,8 @@ def test_if_all_solvers_are_slower_and_the_fixed_piece_of_work_is_not_the_compar
     other = wide_race.copied(tmp_path / "slow", times=slowed(wide_race, 2.0, lambda rows: rows.solver != ""))
     call = piezobench("compare", wide_race.run.path, other.path, "--out", tmp_path / "c", "--fail-on", "regression")
     assert call.status == 4, call.stdout
-    output = " ".join(call.stdout.split())
-    assert "The field as a whole changed by a factor of 2.00" in output
-    assert "and the reference workload timed beside it by 1.00" in output
+    said = "The field as a whole changed by a factor of 2.00.* and the reference workload timed beside it by 1.00"
+    assert re.search(said, " ".join(call.stdout.split()))
 
 
 def test_a_solver_that_raced_alone_is_not_taken_for_the_machine_and_cannot_be_compared(
@@ -219,13 +225,10 @@ def test_a_solver_that_raced_alone_is_not_taken_for_the_machine_and_cannot_be_co
 
 def test_a_lane_with_too_few_times_cannot_be_compared(wide_race: Race, tmp_path: Path) -> None:
     few = set(wide_race.rows[of_solver(wide_race.rows)].task)
-    found = compared(
-        wide_race.run,
-        wide_race.copied(
-            tmp_path / "few",
-            times=lambda times: times.assign(ns=times.ns.mask(times.task.isin(few), times.ns.str[:2])),
-        ),
+    other = wide_race.copied(
+        tmp_path / "few", times=lambda times: times.assign(ns=times.ns.mask(times.task.isin(few), times.ns.str[:2]))
     )
+    found = compared(wide_race.run, other)
     assert found.times.finding[of_solver(found.times)].tolist() == [CANNOT_TELL]
     assert set(found.times.finding[~of_solver(found.times)]) == {SAME}
     assert (found.differences, found.cannot_tell) == (0, True)
@@ -260,8 +263,8 @@ def test_different_settings_and_machines_come_first_and_all_fits_on_a_screen(
     assert max(map(len, lines[:-1])) <= 100
     output = " ".join(call.stdout.split())
     assert output.startswith("WARNING: Different machines: processor is")
-    assert "WARNING: Different settings: seed is 0 in the first run and 7 in the second." in output
-    assert "WARNING: Different solvers: daqp (direct) is" in output
+    for warning in ("settings: seed is 0 in the first run and 7 in the second.", "solvers: daqp (direct) is"):
+        assert f"WARNING: Different {warning}" in output
     count = wide_race.rows[of_solver(wide_race.rows)].task.nunique()
     assert output.count(f"Only {wide_race.run.path.name} has {count} rows, of osqp (direct).") == 1
     assert "An abacus" in (tmp_path / "c" / "comparison.md").read_text()
@@ -275,8 +278,7 @@ def test_the_page_shows_what_differs_and_markdown_survives_any_name(
     page = comparison.write(found, comparison.report(found), tmp_path / "c")
     assert browser.sections(page) == []
     first = browser.run("return document.querySelector('.grid tbody tr:nth-child(2)').textContent")
-    assert "osqp" in first
-    assert "lost 1e-3" in first
+    assert re.search("osqp.*lost 1e-3", first)
     markdown = page.with_suffix(".md").read_text()
     assert {line.count("|") for line in markdown.splitlines() if line.startswith("|")} == {len(comparison.COLUMNS) + 1}
     assert "<script>" not in markdown
@@ -388,11 +390,6 @@ def run(gaps: dict[str, tuple[float, float]] = GAPS, **known: object) -> pd.Data
     return table(ladder(gaps, **known))
 
 
-def timed_wrong(rows: pd.DataFrame, misses: int, problems: list[str]) -> pd.DataFrame:
-    wrong = rows.problem.isin(problems)
-    return rows.assign(timed_gap=np.where(wrong, 1.0, 0.0), **dict.fromkeys(MISSES.values(), misses * wrong))
-
-
 def lost(a: pd.DataFrame, b: pd.DataFrame) -> list[str]:
     return lost_tiers(a, b).tier.tolist()
 
@@ -430,7 +427,8 @@ def test_timed_answers_lose_a_tier_where_more_of_them_miss_it_than_by_chance(
     judged: int, misses: int, problems: int, is_lost: bool
 ) -> None:
     before = run(judged=judged)
-    after = timed_wrong(before, misses, PROBLEMS[:problems])
+    wrong = before.problem.isin(PROBLEMS[:problems])
+    after = before.assign(timed_gap=np.where(wrong, 1.0, 0.0), **dict.fromkeys(MISSES.values(), misses * wrong))
     assert (lost(before, after), lost(after, before)) == (["low", "mid", "high"] if is_lost else [], [])
 
 
@@ -476,15 +474,13 @@ class Wrong(Quadprog):
 
 
 def test_a_version_that_is_wrong_is_a_regression_however_fast(piezobench: CommandLine, tmp_path: Path) -> None:
-    words = ("--smallest", 100, "--fail-on", "regression")
-    changes = {"right": "{}", "wrong": "1.0001 * {}", "nan": "float('nan') * {}"}
-    files = [tmp_path / f"{name}.py" for name in changes]
-    for file, change in zip(files, changes.values(), strict=True):
+    words, right = ("--smallest", 100, "--fail-on", "regression"), tmp_path / "right.py"
+    for name, change, status in (("right", "{}", 0), ("wrong", "1.0001 * {}", 3), ("nan", "float('nan') * {}", 3)):
+        file = tmp_path / f"{name}.py"
         file.write_text(WRONG.format(change=change.format("super().solve()")))
-        call = piezobench("compare", "--versions", files[0], file, *words)
-        assert call.status == (0 if file is files[0] else 3)
-        assert ("less accurate" in call.stdout) == (file is not files[0])
-        assert f"{file} is less accurate than {files[0]}." in " ".join(call.stdout.split()) or file is files[0]
+        call = piezobench("compare", "--versions", right, file, *words)
+        assert (call.status, "less accurate" in call.stdout) == (status, status == 3)
+        assert status == 0 or f"{file} is less accurate than {right}." in " ".join(call.stdout.split())
 
 
 def edited_race(piezobench: CommandLine, folder: Path, name: str, change: str = "") -> Path:

@@ -2,6 +2,7 @@
 where the stage is."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -51,10 +52,9 @@ def test_a_simulated_drive_has_the_error_that_identify_reports(
         "simulate", desk / "model.json", desk / "stage.csv", "--input", "voltage_V", "--out", tmp_path / "y.csv"
     )
     assert "The stage begins in the states that identify found before its recording." in call.stdout
-    reported = json.loads((desk / "model.json").read_text())["report"]["fit"]["rms_percent"]
-    assert rms_percent(column(tmp_path / "y.csv", 2), column(desk / "stage.csv", 2)) == pytest.approx(
-        reported, rel=1e-6
-    )
+    found = rms_percent(column(tmp_path / "y.csv", 2), column(desk / "stage.csv", 2))
+    fit = HysteresisCreepModel.load(desk / "model.json").report["fit"]
+    assert found == pytest.approx(fit["rms_percent"], rel=1e-6)
 
 
 def test_the_compensated_drive_of_the_recorded_output_is_the_recorded_drive(
@@ -91,13 +91,13 @@ def test_the_command_and_python_give_the_same_drive_to_the_last_bit(
 def test_a_reference_and_a_drive_at_another_rate_are_for_the_model_at_that_rate(
     piezobench: CommandLine, desk: Path, tmp_path: Path
 ) -> None:
-    model, wanted = HysteresisCreepModel.load(desk / "model.json"), column(desk / "wanted.csv", 1)[::10]
-    slow, t = model.at(10 * SAMPLE_TIME), np.arange(wanted.size) * 10 * SAMPLE_TIME
+    slow = HysteresisCreepModel.load(desk / "model.json").at(10 * SAMPLE_TIME)
+    t, wanted = np.loadtxt(desk / "wanted.csv", delimiter=",", skiprows=1)[::10].T
     write_table(tmp_path / "wanted.csv", {"time_s": t, "reference_um": wanted})
-    assert piezobench("compensate", desk / "model.json", "wanted.csv", "--out", "x.csv", folder=tmp_path).status == 0
+    for words in (("compensate", "wanted.csv", "--out", "x.csv"), ("simulate", "x.csv", "--out", "y.csv")):
+        piezobench.run(words[0], desk / "model.json", *words[1:], folder=tmp_path)
     x = column(tmp_path / "x.csv", 1)
     np.testing.assert_allclose(x, Compensator(slow).run(wanted), rtol=0, atol=1e-9)
-    assert piezobench("simulate", desk / "model.json", "x.csv", "--out", "y.csv", folder=tmp_path).status == 0
     np.testing.assert_allclose(column(tmp_path / "y.csv", 2), slow.simulate(x), rtol=0, atol=1e-9)
 
 
@@ -108,9 +108,8 @@ def test_a_reference_and_a_drive_at_another_rate_are_for_the_model_at_that_rate(
 def test_the_column_that_was_guessed_is_named(
     piezobench: CommandLine, desk: Path, tmp_path: Path, verb: str, table: str, guessed: str
 ) -> None:
-    said = piezobench.run(verb, desk / "model.json", desk / table, "--out", tmp_path / "out.csv").stdout
-    assert f"; {guessed} from" in said
-    assert f"guessed: time, {guessed.split()[0]} by name" in said
+    call = piezobench.run(verb, desk / "model.json", desk / table, "--out", tmp_path / "out.csv")
+    assert re.search(f"; {guessed} from .*guessed: time, {guessed.split()[0]} by name", call.stdout, re.DOTALL)
 
 
 @pytest.mark.parametrize("part", ["compensator", "learning"])
@@ -118,12 +117,12 @@ def test_the_export_at_a_rate_is_that_of_the_model_at_that_rate(
     piezobench: CommandLine, desk: Path, tmp_path: Path, part: str
 ) -> None:
     HysteresisCreepModel.load(desk / "model.json").at(1.0 / 8000.0).save(tmp_path / "model.json")
-    words = ("--part", part, "--rate-limit", 100)
-    assert piezobench("export-c", desk / "model.json", tmp_path / "a", "--rate", 8000, *words).status == 0
-    assert piezobench("export-c", tmp_path / "model.json", tmp_path / "b", *words).status == 0
-    one, other = ((tmp_path / folder / "piezo_parameters.h").read_text() for folder in ("a", "b"))
-    assert one == other
-    assert "#define PIEZO_SAMPLE_TIME_S 0.000125" in one
+    words, found = ("--part", part, "--rate-limit", 100), []
+    for model, rate in ((desk / "model.json", ("--rate", 8000)), (tmp_path / "model.json", ())):
+        piezobench.run("export-c", model, tmp_path / f"c{len(found)}", *rate, *words)
+        found.append((tmp_path / f"c{len(found)}" / "piezo_parameters.h").read_text())
+    assert found[0] == found[1]
+    assert "#define PIEZO_SAMPLE_TIME_S 0.000125" in found[0]
     assert piezobench("export-c", desk / "model.json", tmp_path / "c", "--rate", 0).status == 2
     assert not (tmp_path / "c").exists()
 
@@ -168,13 +167,6 @@ def test_a_model_without_initial_states_begins_at_rest_with_a_message(
 def test_a_model_without_a_report_is_validated_with_a_page(piezobench: CommandLine, desk: Path, tmp_path: Path) -> None:
     saved = json.loads((desk / "model.json").read_text())
     (tmp_path / "model.json").write_text(json.dumps({**saved, "report": {}, "start": None}))
-    piezobench.quietly(
-        "validate",
-        tmp_path / "model.json",
-        desk / "stage.csv",
-        "--input",
-        "voltage_V",
-        "--page",
-        tmp_path / "page.html",
-    )
-    assert "<svg" in (tmp_path / "page.html").read_text() or "<canvas" in (tmp_path / "page.html").read_text()
+    words = ("validate", "model.json", desk / "stage.csv", "--input", "voltage_V", "--page", "page.html")
+    piezobench.quietly(*words, folder=tmp_path)
+    assert re.search("<svg|<canvas", (tmp_path / "page.html").read_text())

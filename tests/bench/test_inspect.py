@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from command_line import CommandLine
+from recording_files import text_file
 
 from bench.cli.app import run
 from piezo_model import Recording, identify, plants
@@ -22,8 +23,7 @@ LINES = [
 def test_a_file_is_described_with_its_columns_units_and_roles(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = tmp_path / "stage.csv"
-    path.write_text("\n".join(["time [s];drive [V];height [um]", *LINES]) + "\n", encoding="utf-8")
+    path = text_file(tmp_path, "time [s];drive [V];height [um]", *LINES)
     assert run(["inspect", str(path)]) == 0
     shown = capsys.readouterr().out
     assert "separated by semicolons, header in row 1; 600 samples over 0.599 s, one every 1 ms by 'time [s]'" in shown
@@ -34,8 +34,7 @@ def test_a_file_is_described_with_its_columns_units_and_roles(
 def test_a_file_whose_roles_are_not_clear_is_shown_with_the_question(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = tmp_path / "stage.csv"
-    path.write_text("time,a,b,c\n" + "".join(f"{k},{k % 3},{k % 5},{k % 7}\n" for k in range(50)))
+    path = text_file(tmp_path, "time,a,b,c", *(f"{k},{k % 3},{k % 5},{k % 7}" for k in range(50)))
     assert run(["inspect", str(path)]) == 2
     shown = capsys.readouterr()
     assert "cannot tell which column is the input and which the output" in shown.err
@@ -47,8 +46,7 @@ def test_a_file_whose_roles_are_not_clear_is_shown_with_the_question(
 
 
 def test_options_supply_what_the_file_lacks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "stage.csv"
-    path.write_text("".join(f"{line.split(';', 1)[1].replace('.', ',')}\n" for line in LINES))
+    path = text_file(tmp_path, *(line.split(";", 1)[1].replace(".", ",") for line in LINES))
     words = ["inspect", str(path), "--json", "--sample-rate", "1000", "--decimal", ",", "--header-row", "0"]
     words += ["--input", "1", "--output", "2"]
     assert run(words) == 0
@@ -133,8 +131,8 @@ def test_repairs_are_printed_stored_and_on_the_page_and_strict_refuses_them_in_e
 def test_a_part_of_a_recording_is_identified(piezobench: CommandLine, desk: Path) -> None:
     part = ("--from", 1, "--to", 3, "--decimate", 2, "--time-unit", "s")
     call = piezobench.run("identify", "whole.csv", *part, *FIT, "--out", "m.json", folder=desk)
-    assert "1001 samples over 2 s, one every 2 ms" in call.stdout
-    assert "read from row 1002 (data row 1001) on, one row in 2" in " ".join(call.stdout.split())
+    for words in ("1001 samples over 2 s, one every 2 ms", "read from row 1002 (data row 1001) on, one row in 2"):
+        assert words in " ".join(call.stdout.split())
 
 
 def test_the_drive_stays_in_its_range_and_has_its_rate_its_holds_and_a_picture(
@@ -167,8 +165,6 @@ def test_hysteresis_and_creep_of_every_plant_are_found_from_its_recording(tmp_pa
     assert model.structure.creep_rates
     assert model.report["fit"]["rms_percent"] < 1.0
     drive = model.report["drive"]
-    assert drive["hysteresis"]
-    assert drive["creep"]
-    assert drive["drift"]
+    assert all(drive[what] for what in ("hysteresis", "creep", "drift"))
     assert drive["highest_Hz"] > 0.95 * 10.0  # a twentieth of the rate is announced
     assert drive["sentence"] in model.report["sentences"]

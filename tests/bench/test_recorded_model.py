@@ -49,18 +49,15 @@ def test_a_race_on_a_recording_keeps_the_model_of_all_of_it_and_the_error_of_tha
     recorded: tuple[Path, Recording, Run],
 ) -> None:
     path, _, run = recorded
-    recording = Recording.open(path)
-    x, y = recording.x, recording.y
-    fitted = round(0.8 * x.size)
-    parts = [
-        Recording.from_arrays(x[:stop], y[:stop], 1e-3, input_unit="V", output_unit="um") for stop in (fitted, x.size)
-    ]
-    judged, expected = (identify(part) for part in parts)
+    whole = Recording.open(path)
+    fitted, unseen = (
+        Recording.from_arrays(whole.x[part], whole.y[part], 1e-3, input_unit="V", output_unit="um")
+        for part in (slice(round(0.8 * whole.length)), slice(round(0.8 * whole.length), None))
+    )
     model = HysteresisCreepModel.load(run.model_path("recorded"))
-    assert model.weights.tolist() == expected.weights.tolist()
-    unseen = Recording.from_arrays(x[fitted:], y[fitted:], 1e-3, input_unit="V", output_unit="um")
-    note = run.settings["models"]["recorded"]
-    assert note["error_percent"] == pytest.approx(judged.validate(unseen).fit.rms_percent, rel=1e-9)
+    assert model.weights.tolist() == identify(whole).weights.tolist()
+    error = identify(fitted).validate(unseen).fit.rms_percent
+    assert run.settings["models"]["recorded"]["error_percent"] == pytest.approx(error, rel=1e-9)
     assert "deploy uses the model of the whole recording." in (run.path / "report.md").read_text()
 
 
@@ -70,11 +67,10 @@ def test_deploy_uses_that_model_and_prints_its_error(
     *_, run = recorded
     call = piezobench.run("deploy", run.path, *LONG, "--out", tmp_path / "c.json")
     error = run.settings["models"]["recorded"]["error_percent"]
-    output = " ".join(call.stdout.split())
     assert (
         "Model: from the recording of the race. Fitted to the first four fifths alone, its RMS error is "
         f"{error:.3g} % of the range on the last, which was held out."
-    ) in output
+    ) in " ".join(call.stdout.split())
     deployed = Deployment.load(tmp_path / "c.json")
     assert deployed.model.weights.tolist() == HysteresisCreepModel.load(run.model_path("recorded")).weights.tolist()
     assert (deployed.evidence["error_percent"], deployed.evidence["last_fifth"]) == (error, "held out, then fitted")
@@ -149,8 +145,7 @@ def test_only_a_model_of_the_first_four_fifths_is_said_to_be_judged_on_held_out_
         )
         words = ("--model", tmp_path / "model.json")
     call = piezobench.run("deploy", run.path, *LONG, *words, "--out", tmp_path / "c.json")
-    evidence = Deployment.load(tmp_path / "c.json").evidence
-    assert evidence["last_fifth"] == last_fifth
+    assert Deployment.load(tmp_path / "c.json").evidence["last_fifth"] == last_fifth
     phrases = {
         "fitted": "the recording, to which it was fitted, its RMS error is",
         "held out": "the recording, which was held out, its RMS error is",
