@@ -38,18 +38,18 @@ def imports(path: Path, typing: bool = True) -> set[str]:
     """Names that a file imports anywhere, with or without those for type checking alone."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     skipped = {
-        id(node)
+        node
         for block in ast.walk(tree)
         if isinstance(block, ast.If) and getattr(block.test, "id", "") == "TYPE_CHECKING" and not typing
         for node in ast.walk(block)
     }
-    names: set[str] = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and node.module and node.level == 0 and id(node) not in skipped:
-            names |= {f"{node.module}.{alias.name}" for alias in node.names}
-        elif isinstance(node, ast.Import) and id(node) not in skipped:
-            names |= {alias.name for alias in node.names}
-    return names
+    return {
+        f"{node.module}.{alias.name}" if isinstance(node, ast.ImportFrom) else alias.name
+        for node in ast.walk(tree)
+        if node not in skipped
+        and (isinstance(node, ast.Import) or (isinstance(node, ast.ImportFrom) and node.module and node.level == 0))
+        for alias in node.names
+    }
 
 
 def circle(root: Path, package: str) -> list[str]:
@@ -59,10 +59,10 @@ def circle(root: Path, package: str) -> list[str]:
         for path in (root / package).rglob("*.py")
         if path.name != "__init__.py"
     }
-    graph = {}
-    for module, path in paths.items():
-        names = imports(path, typing=False)
-        graph[module] = {*names, *(name.rpartition(".")[0] for name in names)} & paths.keys()
+    names = {module: imports(path, typing=False) for module, path in paths.items()}
+    graph = {
+        module: {*found, *(name.rpartition(".")[0] for name in found)} & paths.keys() for module, found in names.items()
+    }
     try:
         TopologicalSorter(graph).prepare()
     except CycleError as error:
@@ -72,8 +72,8 @@ def circle(root: Path, package: str) -> list[str]:
 
 def part_of(name: str) -> tuple[int, str]:
     """Level and name of the part that a module of ours belongs to."""
-    package, part, *_ = *name.split("."), ""
-    part = part if package == "bench" else package
+    package, inside, *_ = *name.split("."), ""
+    part = inside if package == "bench" else package
     return next(i for i, parts in enumerate(LEVELS) if part in parts), part
 
 
@@ -82,11 +82,9 @@ def upward_imports(root: Path) -> list[str]:
     found = []
     for path in sorted(path for package in PACKAGES for path in (root / package).rglob("*.py")):
         place = path.relative_to(root).with_suffix("").parts
-        if place in (("bench", "__init__"), ("bench", "__main__")):
-            continue
-        level, own = part_of(".".join(place))
-        for name in sorted(imports(path)):
-            if name.partition(".")[0] in PACKAGES:
+        if place not in (("bench", "__init__"), ("bench", "__main__")):
+            level, own = part_of(".".join(place))
+            for name in sorted(name for name in imports(path) if name.partition(".")[0] in PACKAGES):
                 other_level, other = part_of(name)
                 if other != own and other_level >= level:
                     found.append(f"{path.relative_to(root)} imports {name}")

@@ -2,6 +2,7 @@
 large table, the cost of wrappers."""
 
 import math
+from itertools import permutations
 
 import numpy as np
 import pandas as pd
@@ -16,11 +17,11 @@ from bench.messages.task import Row, Status, Tier
 
 
 def error_of(tier: Tier, **known: float | str) -> float:
-    return float(error(table([row(**known)]), tier).iloc[0])
+    return float(error(table([row(**known)]), tier).item())
 
 
 def is_right(tier: Tier, **known: float | str) -> bool:
-    return bool(right(table([row(**known)]), tier).iloc[0])
+    return bool(right(table([row(**known)]), tier).item())
 
 
 @pytest.mark.parametrize("tier", TOLERANCE)
@@ -84,20 +85,13 @@ def test_the_loosest_that_meets_a_tier_ten_times_over_on_every_problem_is_taken_
     gaps: dict[str, list[float]], setting: str, times: float
 ) -> None:
     found = settings(ladder(gaps)).loc[Tier.MID]
-    assert (found.setting, found.rung, found.margin, found.problems, found.right) == (
-        setting,
-        int(setting[1]),
-        times,
-        2,
-        2,
-    )
-    assert found.furthest == setting
+    expected = {"setting": setting, "rung": int(setting[1]), "margin": times, "furthest": setting}
+    assert found[[*expected, "problems", "right"]].to_dict() == {**expected, "problems": 2, "right": 2}
 
 
 def test_without_a_setting_right_on_every_problem_a_tier_is_not_reached_and_the_furthest_is_named() -> None:
-    found = settings(ladder({"p1": [1e-5, 1e-8, 1e-8], "p2": [1e-5, 1e-5, 1e-8], "p3": [1e-8, 1e-8, 1e-5]})).loc[
-        Tier.MID
-    ]
+    rows = ladder({"p1": [1e-5, 1e-8, 1e-8], "p2": [1e-5, 1e-5, 1e-8], "p3": [1e-8, 1e-8, 1e-5]})
+    found = settings(rows).loc[Tier.MID]
     assert (found.setting, found.rung, found.problems, found.right, found.furthest) == ("", -1, 3, 2, "s1")
     assert np.isnan([found.margin, found.left_out]).all()
 
@@ -219,8 +213,7 @@ def test_repeats_become_one_row_with_medians_spread_the_largest_and_the_sum() ->
             ),
         ]
     )
-    one_row = merged(rows)
-    (one,) = one_row.to_dict("records")
+    one = merged(rows)
     expected = {
         "repeats": 3,
         "repeat": 0,
@@ -233,19 +226,19 @@ def test_repeats_become_one_row_with_medians_spread_the_largest_and_the_sum() ->
         "solve_us_max": 80.0,
         "cost_gap": 1e-7,
         "timed_gap": 1e-8,
+        "answer_us_spread": pytest.approx((4.0 - 2.0) / 3.0),
     }
-    assert {name: one[name] for name in expected} == expected
-    assert one["answer_us_spread"] == pytest.approx((4.0 - 2.0) / 3.0)
-    assert one_row.columns.tolist() == [*rows.columns, "repeats", "answer_us_spread", "interleaved_us"]
+    assert one[[*expected]].to_dict("records") == [expected]
+    assert one.columns.tolist() == [*rows.columns, "repeats", "answer_us_spread", "interleaved_us"]
 
 
 def test_a_failure_in_one_repeat_is_the_status_of_the_row() -> None:
     lost = row(repeat=1, status="crashed", message="SIGSEGV", cost_gap=NAN, solve_us_p50=NAN)
     later = row(repeat=2, status="missed", message="another", solve_us_p50=3.0)
+    expected = {"status": "crashed", "message": "SIGSEGV", "repeats": 3, "solve_us_p50": 2.5}
+    expected["answer_us_spread"] = pytest.approx(0.4)
     for order in ([later, lost, row(solve_us_p50=2.0)], [row(solve_us_p50=2.0), lost, later]):
-        (one,) = merged(table(order)).to_dict("records")
-        assert (one["status"], one["message"], one["repeats"]) == ("crashed", "SIGSEGV", 3)
-        assert (one["solve_us_p50"], one["answer_us_spread"]) == (2.5, pytest.approx(0.4))
+        assert merged(table(order))[[*expected]].to_dict("records") == [expected]
 
 
 def test_a_repeat_in_which_a_setting_was_not_run_hides_no_repeat_in_which_it_was() -> None:
@@ -256,18 +249,11 @@ def test_a_repeat_in_which_a_setting_was_not_run_hides_no_repeat_in_which_it_was
         solve_us_p50=NAN,
         samples=0,
     )
-    for at in range(3):
-        repeats = [row(solve_us_p50=2.0, samples=5), row(solve_us_p50=4.0, samples=5)]
-        repeats.insert(at, skipped)
-        (one,) = merged(table([{**each, "repeat": i} for i, each in enumerate(repeats)])).to_dict("records")
-        assert (one["status"], one["message"], one["cost_gap"], one["repeats"], one["samples"]) == (
-            "answered",
-            "",
-            0.0,
-            2,
-            10,
-        )
-        assert one["solve_us_p50"] == 3.0
+    expected = {"status": "answered", "message": "", "cost_gap": 0.0, "repeats": 2, "samples": 10, "solve_us_p50": 3.0}
+    for order in set(permutations((2.0, 4.0, None))):
+        repeats = [skipped if us is None else row(solve_us_p50=us, samples=5) for us in order]
+        found = merged(table([{**each, "repeat": i} for i, each in enumerate(repeats)]))
+        assert found[[*expected]].to_dict("records") == [expected]
     crashed = row(repeat=2, status="crashed", cost_gap=NAN)
     assert merged(table([row(), {**skipped, "repeat": 1}, crashed])).status.tolist() == ["crashed"]
     assert merged(table([skipped, {**skipped, "repeat": 1}])).status.tolist() == ["not_run"]

@@ -81,10 +81,9 @@ def test_the_page_opens_without_an_error_and_without_the_network_and_draws_every
     plots = browser.plots()
     assert len(plots) >= 5
     for beside_table, plot in zip([width == "desktop", *[False] * len(plots)], plots, strict=False):
-        assert plot["marks"] > 0
-        assert plot["height"] > 0
-        assert (0.35 if beside_table else 0.5) * WIDTHS[width] < plot["width"] <= WIDTHS[width]
-        assert plot["right"] <= WIDTHS[width]
+        assert min(plot["marks"], plot["height"]) > 0
+        assert (0.35 if beside_table else 0.5) * WIDTHS[width] < plot["width"]
+        assert max(plot["width"], plot["right"]) <= WIDTHS[width]
     assert browser.run("return document.documentElement.scrollWidth") <= WIDTHS[width]
     browser.picture(f"report-{width}{'-dark' if dark else ''}")
 
@@ -135,20 +134,14 @@ def test_filters_and_search_show_the_matching_rows(browser: Browser, page: Path,
     browser.open(page)
     table = summary(wide_race.found)
     assert len(column(browser, "lane")) == len(table)
-    choose(browser, "lane", "direct")
-    choose(browser, "tier", "high")
-    choose(browser, "scaling", "scaled")
-    choose(browser, "problem set", "orders")
-    expected = table[
-        (table.lane == "direct")
-        & (table.tier == "high")
-        & (table.scaling == "scaled")
-        & (table.problem_set == "orders")
-    ]
-    assert len(expected) >= 3
-    assert sorted(column(browser, "solver")) == sorted(expected.solver.map(marked))
+    chosen = {"lane": "direct", "tier": "high", "scaling": "scaled", "problem set": "orders"}
+    for label, value in chosen.items():
+        choose(browser, label, value)
+        table = table[table[label.replace(" ", "_")] == value]
+    assert len(table) >= 3
+    assert sorted(column(browser, "solver")) == sorted(table.solver.map(marked))
     choose(browser, "status", "answered")
-    assert sorted(column(browser, "solver")) == sorted(expected[expected.status == "answered"].solver.map(marked))
+    assert sorted(column(browser, "solver")) == sorted(table[table.status == "answered"].solver.map(marked))
     browser.run("""const search = document.querySelectorAll('.grid')[1].querySelector('input');
         search.value = 'DAQP'; search.dispatchEvent(new Event('input'))""")
     assert set(column(browser, "solver")) == {"daqp"}
@@ -160,9 +153,8 @@ def test_filters_and_search_show_the_matching_rows(browser: Browser, page: Path,
 def test_the_button_switches_from_light_to_dark(browser: Browser, page: Path) -> None:
     browser.open(page)
     paper = "return getComputedStyle(document.body).backgroundColor"
-    light = browser.run(paper)
-    browser.run("document.getElementById('colours').click()")
-    assert browser.run(paper) != light
+    click = "document.getElementById('colours').click()"
+    assert browser.run(paper) != browser.run(f"{click}; {paper}")
 
 
 def test_a_choice_of_the_view_redraws_a_plot(browser: Browser, page: Path) -> None:

@@ -46,11 +46,8 @@ def test_residuals_are_those_of_qpsolvers(rows: bool) -> None:
     qp = drawn(1, rows=rows)
     found = qpsolvers.solve_problem(qp, solver="daqp")
     ours = judged(race_problem(qp), "scaled", answered(found.x, y=found.y, z=found.z, z_box=found.z_box))
-    assert (ours.primal_residual, ours.dual_residual, ours.duality_gap) == (
-        found.primal_residual(),
-        found.dual_residual(),
-        found.duality_gap(),
-    )
+    for name in ("primal_residual", "dual_residual", "duality_gap"):
+        assert getattr(ours, name) == getattr(found, name)()
 
 
 @pytest.mark.parametrize("duals", [{}, {"z_box": np.full(6, np.nan)}], ids=["without duals", "not finite"])
@@ -68,11 +65,10 @@ def test_the_certified_optimum_has_no_error() -> None:
 
 @pytest.mark.parametrize("gap", [2e-3, 0.5e-12])
 def test_a_cost_gap_is_relative_to_the_optimal_cost_with_its_constant(gap: float) -> None:
-    qp, c = BOX.forms["scaled"].qp, BOX.forms["scaled"].c
+    qp = BOX.forms["scaled"].qp
     free = int(np.flatnonzero((qp.lb < BEST) & (qp.ub > BEST))[0])
-    value = 0.5 * BEST @ qp.P @ BEST + qp.q @ BEST
-    x = BEST.copy()
-    x[free] += np.sqrt(2.0 * gap * abs(value + c) / qp.P[free, free])  # V(x* + t e) − V* = ½ P_ee t², since e is free
+    value, x = 0.5 * BEST @ qp.P @ BEST + qp.q @ BEST + C, BEST.copy()
+    x[free] += np.sqrt(2.0 * gap * abs(value) / qp.P[free, free])  # V(x* + t e) − V* = ½ P_ee t², since e is free
     ours = judged(BOX, "scaled", answered(x))
     assert (ours.status, ours.message) == (Status.ANSWERED, "")
     assert ours.cost_gap == pytest.approx(gap, rel=1e-4)
@@ -91,14 +87,14 @@ def test_a_violation_is_relative_to_the_largest_variable_of_the_optimum(violatio
 
 def test_the_stage_excess_is_the_error_of_the_model_beyond_the_optimums_in_units_of_the_noise() -> None:
     problem = Experiment("bouc_wen", "multi_sine", build_s=1.0).problem("tests", "stage")
-    form, noise_um = problem.forms["scaled"], problem.validation.noise_um
+    form, unseen = problem.forms["scaled"], problem.validation
     best = np.array(form.certificate.x)
-    assert judged(problem, "scaled", answered(best)).stage_excess == pytest.approx(0.0, abs=1e-9)
-    worse = judged(problem, "scaled", answered(1.05 * best))
-    model = HysteresisCreepModel.from_weights(problem.validation.structure, form.to_weights @ (1.05 * best))
-    error_um = model.simulate(problem.validation.x, problem.validation.state) - problem.validation.y
-    optimum_um = problem.optimum_error_percent / 100.0 * np.ptp(problem.validation.y)
-    assert worse.stage_excess == pytest.approx((np.sqrt(np.mean(error_um**2)) - optimum_um) / noise_um)
+    same, worse = (judged(problem, "scaled", answered(x)).stage_excess for x in (best, 1.05 * best))
+    model = HysteresisCreepModel.from_weights(unseen.structure, form.to_weights @ (1.05 * best))
+    error_um = model.simulate(unseen.x, unseen.state) - unseen.y
+    optimum_um = problem.optimum_error_percent / 100.0 * np.ptp(unseen.y)
+    assert same == pytest.approx(0.0, abs=1e-9)
+    assert worse == pytest.approx((np.sqrt(np.mean(error_um**2)) - optimum_um) / unseen.noise_um)
 
 
 NOT_FINITE = [np.where(np.arange(6) == 2, bad, BEST) for bad in (np.nan, np.inf, -np.inf)]
@@ -140,7 +136,7 @@ def test_a_failure_of_the_process_is_the_status(status: Status) -> None:
 @pytest.mark.parametrize(("name", "primal"), [("y", "b"), ("z", "h"), ("z_box", "q")])
 def test_duals_of_another_shape_are_a_failure_of_the_adapter(name: str, primal: str) -> None:
     problem = race_problem(drawn(1, rows=True))
-    x, expected = np.array(problem.forms["scaled"].certificate.x), getattr(problem.forms["scaled"].qp, primal).shape
-    ours = judged(problem, "scaled", answered(x, **{name: np.zeros(7)}))
-    assert ours.status == Status.ADAPTER_FAILED
-    assert ours.message == f"duals {name}: expected shape {expected}, got (7,)"
+    form = problem.forms["scaled"]
+    ours = judged(problem, "scaled", answered(np.array(form.certificate.x), **{name: np.zeros(7)}))
+    said = f"duals {name}: expected shape {getattr(form.qp, primal).shape}, got (7,)"
+    assert (ours.status, ours.message) == (Status.ADAPTER_FAILED, said)

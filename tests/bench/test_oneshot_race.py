@@ -106,13 +106,10 @@ def test_every_setting_is_measured_on_scaled_data_and_only_the_defaults_of_a_lib
 def test_a_row_has_its_setting_for_the_constant_one_and_for_the_constant_of_its_problem(
     clean_race: Race,
 ) -> None:
-    row = clean_race.rows[
-        (clean_race.rows.solver == "clarabel") & (clean_race.rows.rung == 2) & (clean_race.rows.scaling == "scaled")
-    ].iloc[0]
+    row = clean_race.rows.query("solver == 'clarabel' and rung == 2 and scaling == 'scaled'").iloc[0]
     c = clean_race.run.problem("paper", row.problem).forms["scaled"].unit
-    named, given = json.loads(row.setting), json.loads(row.settings)
-    assert named["tol_gap_abs"] == 1e-8
-    assert given["tol_gap_abs"] == pytest.approx(c * 1e-8)
+    named, given = (json.loads(text)["tol_gap_abs"] for text in (row.setting, row.settings))
+    assert (named, given) == (1e-8, pytest.approx(c * 1e-8))
     assert c != 1.0
 
 
@@ -123,30 +120,18 @@ def test_a_crash_a_timeout_and_an_answer_of_more_than_a_tenth_of_the_limit_end_a
     rows = ended.rows[ended.rows.solver == name].sort_values("rung")
     assert rows.rung.tolist() == [-1, 0, 1, 2, 3, 4]
     goes_on = name in ("goes_on", "fails")
-    assert rows.status.tolist() == [
-        "answered",
-        "answered",
-        "answered",
-        STATUS[name],
-        *[STATUS[name] if goes_on else "not_run"] * 2,
-    ]
+    assert [*rows.status] == ["answered"] * 3 + [STATUS[name], *[STATUS[name] if goes_on else "not_run"] * 2]
     assert logged(ended.run.path.parent, name) == ({0, 2, 4, 6, 8, 10} if goes_on else {0, 2, 4, 6})
     behind = rows[rows.status == "not_run"]
     assert behind[["cost_gap", "solve_us_p50"]].isna().all(axis=None)
-    why = (
-        "a looser setting took longer than 0.2 s on this problem"
-        if name == "lingers"
-        else (f"a looser setting ended with {STATUS[name]} on this")
-    )
-    assert all(why in message for message in behind.message)
+    why = "took longer than 0.2 s" if name == "lingers" else f"ended with {STATUS[name]}"
+    assert behind.message.str.contains(f"a looser setting {why} on this problem").all()
 
 
 def test_skipped_settings_are_chosen_for_no_tier_and_are_no_failure_in_the_report(ended: Race) -> None:
-    settings = ended.found.settings.set_index(["solver", "tier"])
-    assert settings.setting["crashes", "high"] == '{"k": 2}'
-    report = (ended.run.path / "report.md").read_text()
-    assert "exit status 3" in report
-    assert "a looser setting" not in report
+    settings, report = ended.found.settings, (ended.run.path / "report.md").read_text()
+    assert settings.set_index(["solver", "tier"]).setting["crashes", "high"] == '{"k": 2}'
+    assert ("exit status 3" in report, "a looser setting" in report) == (True, False)
 
 
 def test_a_race_killed_in_a_ladder_that_ended_resumes_after_that_end_and_has_the_same_rows(
@@ -222,29 +207,14 @@ def test_every_lane_is_measured_on_every_problem_and_the_papers_method_also_from
     assert [task.setting.rung for task in at_line] == [-1, *range(8)]
 
 
-GIVEN = (
-    "--limit",
-    2,
-    "--set",
-    "measured",
-    "--scaling",
-    "scaled",
-    "--rounds",
-    4,
-    "--lane",
-    "direct",
-    "--solver",
-    "osqp",
-)
-
-
 def test_given_settings_are_raced_beside_the_defaults_in_place_of_the_ladder(
     piezobench: CommandLine, tmp_path: Path
 ) -> None:
     given = """osqp={"eps_abs": 1e-6, "eps_rel": 0.0, "max_iter": 100000}"""
-    words = (*GIVEN, "--solver", "daqp", "--settings", given)
+    few = ("--limit", 2, "--set", "measured", "--scaling", "scaled", "--rounds", 4, "--lane", "direct")
+    words = (*few, "--solver", "osqp", "--solver", "daqp", "--settings", given)
     race = race_of(piezobench, tmp_path, "run", *words)
-    rows = race.hot[race.hot.solver == "osqp"]
+    rows = race.hot.query("solver == 'osqp'")
     assert {*zip(rows.rung, rows.is_default, strict=True)} == {(-1, True), (0, False)}
     assert all(json.loads(text) == json.loads(given[5:]) for text in rows[rows.rung == 0].settings)
     assert (rows.status == "answered").all()

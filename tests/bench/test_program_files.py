@@ -61,19 +61,20 @@ def qps(folder: Path, text: str) -> Path:
 
 
 def test_rows_ranges_bounds_and_the_quadratic_part_of_a_qps_file_are_read(tmp_path: Path) -> None:
-    found = read(qps(tmp_path, SMALL))
-    qp = found.qp
+    found, inf = read(qps(tmp_path, SMALL)), np.inf
+    rows = np.array([[2, 1, 0, 0], [-1, 2, 0, 0], [1e-11, 0, 1, 0], [0, 1, 0, 1]])
+    expected = Problem(
+        np.array([[8, 2, 0, 0], [2, 10, 0, 0], [0, 0, 1e-12, 0], [0, 0, 0, 0]]),
+        np.array([1.5, -2.0, 0.0, 0.0]),
+        np.vstack([rows, -rows]),
+        np.array([7, 6, 1, 0.5, -2, -5, 1, 0]),
+        lb=np.array([0, -inf, -inf, -inf]),
+        ub=np.array([20, -3, inf, inf]),
+    )
+    assert same(found.qp, expected)
     assert found.constant == 4.0
-    assert dense(qp.P).tolist() == [[8, 2, 0, 0], [2, 10, 0, 0], [0, 0, 1e-12, 0], [0, 0, 0, 0]]
-    assert qp.q.tolist() == [1.5, -2.0, 0.0, 0.0]
-    rows = [[2, 1, 0, 0], [-1, 2, 0, 0], [1e-11, 0, 1, 0], [0, 1, 0, 1]]
-    assert dense(qp.G).tolist() == rows + (-np.array(rows)).tolist()
-    assert qp.h.tolist() == [7, 6, 1, 0.5, -2, -5, 1, 0]
-    assert qp.A is None
-    assert qp.lb.tolist() == [0, -np.inf, -np.inf, -np.inf]
-    assert qp.ub.tolist() == [20, -3, np.inf, np.inf]
-    assert sp.issparse(qp.P)
-    assert sp.issparse(qp.G)
+    assert sp.issparse(found.qp.P)
+    assert sp.issparse(found.qp.G)
 
 
 WHOLE_P = SMALL.replace("QUADOBJ", "QMATRIX").replace(
@@ -103,10 +104,11 @@ def test_a_program_is_the_same_however_it_is_written_and_under_every_suffix(
 
 
 def test_a_maximum_is_the_negative_of_a_minimum(tmp_path: Path) -> None:
-    least, most = read(qps(tmp_path, SMALL)), read(qps(tmp_path, SMALL.replace("ROWS", "OBJSENSE\n    MAX\nROWS", 1)))
-    assert np.array_equal(most.qp.q, -least.qp.q)
-    assert np.array_equal(dense(most.qp.P), -dense(least.qp.P))
-    assert most.constant == -least.constant
+    least, most = (
+        read(qps(tmp_path, SMALL.replace("ROWS", f"OBJSENSE\n    {sense}\nROWS", 1))) for sense in ("MIN", "MAX")
+    )
+    for a, b in ((least.qp.q, most.qp.q), (dense(least.qp.P), dense(most.qp.P)), (least.constant, most.constant)):
+        assert np.array_equal(a, -b)
 
 
 def test_a_compressed_program_that_is_damaged_or_endless_is_refused(
@@ -115,15 +117,14 @@ def test_a_compressed_program_that_is_damaged_or_endless_is_refused(
     path, whole = tmp_path / "small.qps.gz", gzip.compress(SMALL.encode())
     spoilt = bytearray(whole)
     spoilt[len(whole) // 2] ^= 0xFF
-    for content in (b"", SMALL.encode(), whole[:-20], bytes(spoilt)):
-        path.write_bytes(content)
-        with pytest.raises(ProblemFileError, match=r"small\.qps\.gz: [^\n]+$"):
-            read(path)
-    path.write_bytes(gzip.compress(bytes(2**20)) * 2**9)  # half a gigabyte in half a megabyte
-    with pytest.raises(
-        ProblemFileError, match=rf"small\.qps\.gz: holds more than {qps_files.MOST_BYTES} bytes of text"
+    for content, why in (
+        *((content, r"[^\n]+$") for content in (b"", SMALL.encode(), whole[:-20], bytes(spoilt))),
+        # half a gigabyte in half a megabyte
+        (gzip.compress(bytes(2**20)) * 2**9, f"holds more than {qps_files.MOST_BYTES} bytes of text"),
     ):
-        read(path)
+        path.write_bytes(content)
+        with pytest.raises(ProblemFileError, match=rf"small\.qps\.gz: {why}"):
+            read(path)
     path.write_bytes(whole)
     monkeypatch.setattr(qps_files, "MOST_BYTES", len(SMALL))
     assert read(path).qp.q.size == 4
@@ -144,12 +145,8 @@ def test_names_may_contain_blanks_in_fixed_columns(tmp_path: Path) -> None:
         "ENDATA",
     ]
     found = read(qps(tmp_path, "\n".join(lines))).qp
-    assert (found.q.tolist(), dense(found.G).tolist(), found.h.tolist(), dense(found.P).tolist()) == (
-        [-1.0],
-        [[2.0]],
-        [3.0],
-        [[4.0]],
-    )
+    numbers = [dense(array).item() for array in (found.q, found.G, found.h, found.P)]
+    assert numbers == [-1.0, 2.0, 3.0, 4.0]
 
 
 @pytest.mark.parametrize(
@@ -206,9 +203,8 @@ def test_names_may_contain_blanks_in_fixed_columns(tmp_path: Path) -> None:
 )
 def test_an_invalid_qps_file_is_refused_with_file_and_line(tmp_path: Path, old: str, new: str, sentence: str) -> None:
     assert old in SMALL
-    with pytest.raises(ProblemFileError, match=r"small\.qps: ") as refused:
+    with pytest.raises(ProblemFileError, match=rf"small\.qps: .*{re.escape(sentence)}"):
         read(qps(tmp_path, SMALL.replace(old, new, 1)))
-    assert sentence in str(refused.value)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -219,9 +215,10 @@ def test_highs_reads_the_same_program_from_the_same_file(tmp_path: Path, seed: i
     engine.silent()
     engine.readModel(str(path))
     lp, hessian = engine.getLp(), engine.getModel().hessian_
-    d, m = lp.num_col_, lp.num_row_
-    C = sp.csc_matrix((lp.a_matrix_.value_, lp.a_matrix_.index_, lp.a_matrix_.start_), shape=(m, d))
-    L = sp.csc_matrix((hessian.value_, hessian.index_, hessian.start_), shape=(d, d))
+    C, L = (
+        sp.csc_matrix((each.value_, each.index_, each.start_), shape=(rows, lp.num_col_))
+        for each, rows in ((lp.a_matrix_, lp.num_row_), (hessian, lp.num_col_))
+    )
     sides = map(np.array, (lp.row_lower_, lp.row_upper_, lp.col_lower_, lp.col_upper_))
     found = read(path)
     assert same(found.qp, two_sided(L + sp.tril(L, -1).T, np.array(lp.col_cost_), C, *sides))
@@ -234,10 +231,12 @@ def test_a_program_is_the_same_from_mat_and_from_qps_and_what_was_written(tmp_pa
     a, b = read(write_mat(tmp_path / "drawn.mat", p)), read(write_qps(tmp_path / "drawn.qps", p))
     assert same(a.qp, b.qp)
     assert a.constant == b.constant == p.r
-    equal = p.l == p.u
-    np.testing.assert_array_equal(dense(a.qp.A), dense(p.C)[equal])
-    np.testing.assert_array_equal(a.qp.lb, np.where(p.lb == -INF, -np.inf, p.lb))
-    np.testing.assert_array_equal(a.qp.ub, np.where(p.ub == INF, np.inf, p.ub))
+    for found, expected in (
+        (dense(a.qp.A), dense(p.C)[p.l == p.u]),
+        (a.qp.lb, np.where(p.lb == -INF, -np.inf, p.lb)),
+        (a.qp.ub, np.where(p.ub == INF, np.inf, p.ub)),
+    ):
+        np.testing.assert_array_equal(found, expected)
     assert sp.issparse(a.qp.P)
 
 
@@ -334,9 +333,8 @@ def test_an_invalid_file_is_refused_with_the_reason(
     tmp_path: Path, name: str, content: bytes | dict[str, object] | None, sentence: str
 ) -> None:
     write(tmp_path / name, content)
-    with pytest.raises(ProblemFileError, match=name) as refused:
+    with pytest.raises(ProblemFileError, match=f"{name}.*{re.escape(sentence)}"):
         read(tmp_path / name)
-    assert sentence in str(refused.value)
 
 
 def test_invalid_index_arrays_of_a_matlab_file_are_refused(tmp_path: Path) -> None:

@@ -59,21 +59,18 @@ def race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> R
 
 
 def test_a_solver_gets_the_data_of_each_sample_and_a_slow_one_the_newest(race: Race) -> None:
-    rows = race.rows[(race.rows.timed == "scheduled") & (race.rows.solver != "forges")].set_index("solver")
+    rows = race.rows.query("timed == 'scheduled' and solver != 'forges'").set_index("solver")
     assert {"null", "daqp", "slow"} <= set(rows.index)
     assert (rows.due == SAMPLES).all()
     assert (rows.samples <= SAMPLES).all()
     assert rows.samples["slow"] <= SAMPLES / 3
     assert rows.late["slow"] >= 0.9 * SAMPLES
-    times = race.run.times()
-    times = times[(times.timed == "scheduled") & times.task.isin(rows.task)].set_index(["task", "what"]).ns
+    times = race.run.times().query("timed == 'scheduled'").set_index(["task", "what"]).ns
     for one in rows.itertuples():
         sample, response = times[one.task, "sample"], times[one.task, "response"]
-        assert sample.size == one.samples
-        assert sample[-1] == SAMPLES - 1
+        assert (sample.size, sample[-1]) == (one.samples, SAMPLES - 1)
         assert (np.diff(sample) > 0).all()
-        assert response.size == SAMPLES
-        assert (response > 125_000).sum() == one.late
+        assert (response.size, (response > 125_000).sum()) == (SAMPLES, one.late)
 
 
 def test_late_and_early_answers_are_judged_by_the_optimum_of_their_own_sample_before_they_are_clipped(
@@ -87,8 +84,7 @@ def test_late_and_early_answers_are_judged_by_the_optimum_of_their_own_sample_be
 
 
 def test_the_report_says_who_keeps_the_schedule_and_times_on_it_are_no_hot_times(race: Race) -> None:
-    page = (race.run.path / "report.md").read_text()
-    assert "## On the schedule of 8 kHz" in page
+    assert "## On the schedule of 8 kHz" in (race.run.path / "report.md").read_text()
     table = on_schedule(race.found).set_index("solver")
     assert table.schedule["null"] == FLOOR_LINE
     assert table.schedule["slow"] in (LATE, UNKNOWN)  # on a busy machine nothing is known
@@ -104,15 +100,12 @@ def test_the_report_says_who_keeps_the_schedule_and_times_on_it_are_no_hot_times
 def test_a_solver_is_late_if_its_bouts_are_more_frequent_than_those_of_the_machine_or_it_is_late_at_most_samples(
     machine: int, bouts: int, us: int, expected: str
 ) -> None:
-    rows, times = [], []
-    for solver, count in (("null", machine), ("daqp", bouts)):
-        one = row(solver=solver, timed="scheduled", due=3000, late=count, bouts=count, samples=3000)
-        rows.append(one)
-        times.append({**{name: one[name] for name in ("task", "timed", "repeat")}, "what": "response"})
-    found = Measurements(
-        pd.DataFrame(rows), pd.DataFrame(times).assign(ns=[np.full(3000, 5_000), np.full(3000, 1000 * us)])
+    rows = pd.DataFrame(
+        row(solver=solver, timed="scheduled", due=3000, late=count, bouts=count, samples=3000)
+        for solver, count in (("null", machine), ("daqp", bouts))
     )
-    table = on_schedule(found)
+    ns = [np.full(3000, 5_000), np.full(3000, 1000 * us)]
+    table = on_schedule(Measurements(rows, rows[["task", "timed", "repeat"]].assign(what="response", ns=ns)))
     assert table.set_index("solver").schedule.to_dict() == {"null": FLOOR_LINE, "daqp": expected}
     assert table["p99.9"].tolist() == [5.0, us]
     (sentence,) = sentences(table)
@@ -120,5 +113,4 @@ def test_a_solver_is_late_if_its_bouts_are_more_frequent_than_those_of_the_machi
 
 
 def test_a_process_that_answers_samples_that_never_came_has_tampered(race: Race) -> None:
-    rows = race.rows[(race.rows.solver == "forges") & (race.rows.timed == "scheduled")]
-    assert set(rows.status) == {str(Status.TAMPERED)}
+    assert set(race.rows.query("solver == 'forges' and timed == 'scheduled'").status) == {str(Status.TAMPERED)}

@@ -9,7 +9,7 @@ from learning_loops import learner_for, sensor
 from qpsolvers import Problem
 
 import solvers
-from piezo_model import IdentificationProblem, SelfLearningCompensator
+from piezo_model import SelfLearningCompensator
 from piezo_model.identification.error_model import ProgramSolver
 from piezo_model.learning.events import Phase
 from piezo_model.learning.solving import solved, step_ratio
@@ -28,9 +28,7 @@ def cost_after(learner: SelfLearningCompensator, samples: int) -> float:
     """Cost on the learned data of the weights in use after further samples; new weights take effect a block later."""
     learner.observe(np.zeros(samples), np.full(samples, math.nan))
     learner.run(np.zeros(2 * learner._block), lambda x: np.full_like(x, math.nan))
-    problem = learner.problem
-    assert isinstance(problem, IdentificationProblem)
-    return problem.cost(learner.model.weights)
+    return learner.problem.cost(learner.model.weights)
 
 
 def test_an_exact_solver_has_its_answer_after_the_samples_that_it_takes() -> None:
@@ -39,7 +37,6 @@ def test_an_exact_solver_has_its_answer_after_the_samples_that_it_takes() -> Non
     learner.observe(np.zeros(wait - 1), np.full(wait - 1, math.nan))
     assert learner.phase is Phase.LEARN
     problem, weights = learner.problem, learner.model.weights
-    assert problem is not None
     after = cost_after(learner, 1)
     assert (learner.phase, learner.counts["hand_overs"]) == (Phase.RESET, 1)
     assert after < 0.02 * problem.cost(weights)
@@ -73,16 +70,11 @@ def test_the_steps_are_those_of_the_difference_equation() -> None:
 
 def test_the_program_is_that_of_the_identification_of_the_same_samples() -> None:
     learner = learning("box_active_set", solve_delay_samples=100)
-    core, problem = learner._core, learner.problem
-    assert problem is not None
-    form = problem.form()
-    d = core["q"].size
-    np.testing.assert_allclose(core["P"].reshape(d, d), form.qp.P, rtol=1e-9, atol=1e-11)
-    np.testing.assert_allclose(core["q"], form.qp.q, rtol=1e-9, atol=1e-11)
+    core, form = learner._core, learner.problem.form()
+    start = np.maximum(form.variables(learner.model.weights), form.qp.lb)
+    for name, expected in (("P", form.qp.P.ravel()), ("q", form.qp.q), ("start", start)):
+        np.testing.assert_allclose(core[name], expected, rtol=1e-9, atol=1e-11)
     np.testing.assert_allclose(core["lower"], form.qp.lb, rtol=1e-11)
-    np.testing.assert_allclose(
-        core["start"], np.maximum(form.variables(learner.model.weights), form.qp.lb), rtol=1e-9, atol=1e-12
-    )
 
 
 def test_options_reach_the_solver() -> None:

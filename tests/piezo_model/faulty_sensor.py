@@ -1,6 +1,7 @@
 """A sensor with every kind of fault, and invalid references."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,20 +11,41 @@ from piezo_model.signals import staircase
 
 Vector = NDArray[np.float64]
 
-SENSOR_FAULTS = ("nan", "infinite", "frozen", "drop-out", "rail", "offset", "garbage", "spikes", "clipped", "noisy")
-REFERENCE_FAULTS = ("nan", "infinite", "huge", "far", "jumps")
+SENSOR_FAULTS: dict[str, Callable[[Any, Vector, np.random.Generator, float], Vector]] = {
+    "nan": lambda sensor, y, random, span: np.full_like(y, np.nan),
+    "infinite": lambda sensor, y, random, span: random.choice([np.inf, -np.inf], y.size),
+    "frozen": lambda sensor, y, random, span: np.full_like(y, sensor.last),
+    "drop-out": lambda sensor, y, random, span: np.full_like(y, 0.5 * (sensor.low + sensor.high)),
+    "rail": lambda sensor, y, random, span: np.full_like(y, sensor.high + 0.2 * span),
+    "offset": lambda sensor, y, random, span: y + sensor.offset,
+    "garbage": lambda sensor, y, random, span: random.uniform(sensor.low - span, sensor.high + span, y.size),
+    "spikes": lambda sensor, y, random, span: np.where(
+        random.random(y.size) < 0.02, y + random.normal(0.0, span, y.size), y
+    ),
+    "clipped": lambda sensor, y, random, span: np.clip(y, sensor.low + 0.3 * span, sensor.high - 0.3 * span),
+    "noisy": lambda sensor, y, random, span: y + random.normal(0.0, 0.02 * span, y.size),
+    "good": lambda sensor, y, random, span: y,
+}
+"""The output of a sensor with each fault, for a part of the right one."""
+REFERENCE_FAULTS: dict[str, Callable[[np.random.Generator, int, float, float], float | Vector]] = {
+    "nan": lambda random, size, low, high: np.nan,
+    "infinite": lambda random, size, low, high: random.choice([np.inf, -np.inf], size),
+    "huge": lambda random, size, low, high: random.choice([1e300, -1e300, 1.7e308, 1e12], size),
+    "far": lambda random, size, low, high: random.uniform(2 * low - high, 2 * high - low),
+    "jumps": lambda random, size, low, high: random.uniform(low, high, size),
+}
 
 
 class FaultySensor:
     """An actuator's sensor; while ``failing`` is true, it has faults of random kinds and durations."""
 
     def __init__(
-        self, plant: plants.Plant, seed: int, kinds: tuple[str, ...] = SENSOR_FAULTS, mean_length: int = 400
+        self, plant: plants.Plant, seed: int, kinds: tuple[str, ...] = tuple(SENSOR_FAULTS)[:-1], mean_length: int = 400
     ) -> None:
         self.plant, self.kinds, self.failing, self._mean = plant, kinds, True, mean_length
         self.low, self.high = plant.y_range
         self._random = np.random.default_rng(seed)
-        self._kind, self._left, self._last, self._offset = "good", 0, 0.0, 0.0
+        self._kind, self._left, self.last, self.offset = "good", 0, 0.0, 0.0
 
     def __call__(self, x: Vector) -> Vector:
         y = self.plant.run(x)
@@ -35,38 +57,13 @@ class FaultySensor:
                 good = self._kind != "good" and self._random.random() < 0.5
                 self._kind = "good" if good else str(self._random.choice(self.kinds))
                 self._left = 1 + int(self._random.exponential(self._mean))
-                self._offset = self._random.uniform(-1.0, 1.0) * (self.high - self.low)
+                self.offset = self._random.uniform(-1.0, 1.0) * (self.high - self.low)
             part = slice(done, min(done + self._left, y.size))
-            y[part] = self._spoil(y[part])
+            y[part] = SENSOR_FAULTS[self._kind](self, y[part], self._random, self.high - self.low)
             self._left -= part.stop - part.start
             done = part.stop
             if np.isfinite(y[done - 1]):
-                self._last = float(y[done - 1])
-        return y
-
-    def _spoil(self, y: Vector) -> Vector:
-        span, random = self.high - self.low, self._random
-        match self._kind:
-            case "nan":
-                return np.full_like(y, np.nan)
-            case "infinite":
-                return random.choice([np.inf, -np.inf], y.size)
-            case "frozen":
-                return np.full_like(y, self._last)
-            case "drop-out":
-                return np.full_like(y, 0.5 * (self.low + self.high))
-            case "rail":
-                return np.full_like(y, self.high + 0.2 * span)
-            case "offset":
-                return y + self._offset
-            case "garbage":
-                return random.uniform(self.low - span, self.high + span, y.size)
-            case "spikes":
-                return np.where(random.random(y.size) < 0.02, y + random.normal(0.0, span, y.size), y)
-            case "clipped":
-                return np.clip(y, self.low + 0.3 * span, self.high - 0.3 * span)
-            case "noisy":
-                return y + random.normal(0.0, 0.02 * span, y.size)
+                self.last = float(y[done - 1])
         return y
 
 
@@ -76,17 +73,7 @@ def spoiled(y_ref: Vector, low: float, high: float, seed: int, mean_length: int 
     while at < out.size:
         at += int(random.exponential(2 * mean_length))
         part = out[at : at + 1 + int(random.exponential(mean_length))]
-        match random.choice(REFERENCE_FAULTS):
-            case "nan":
-                part[:] = np.nan
-            case "infinite":
-                part[:] = random.choice([np.inf, -np.inf], part.size)
-            case "huge":
-                part[:] = random.choice([1e300, -1e300, 1.7e308, 1e12], part.size)
-            case "far":
-                part[:] = random.uniform(2 * low - high, 2 * high - low)
-            case "jumps":
-                part[:] = random.uniform(low, high, part.size)
+        part[:] = REFERENCE_FAULTS[random.choice(tuple(REFERENCE_FAULTS))](random, part.size, low, high)
         at += part.size
     return out
 

@@ -20,28 +20,20 @@ def drive(rng: Generator, size: int = 6000, form: int | None = None) -> Vector:
     random walk."""
     t, cycles = np.arange(size) / size, rng.uniform(2.5, 20.0)
     phase = 2 * np.pi * (cycles * t + rng.uniform())
-    form = int(rng.integers(6)) if form is None else form
-    match form:
-        case 0:
-            x = np.sin(phase)
-        case 1:
-            x = np.sin(phase) * (0.3 + 0.7 * t)
-        case 2:
-            x = 2 / np.pi * np.arcsin(np.sin(phase))
-        case 3:
-            x = 0.6 * np.sin(phase) + 0.4 * np.sin(0.37 * phase + 1.0)
-        case 4:
-            x = np.sin(phase) * np.exp(-2 * t)
-        case _:
-            steps = lfilter([0.03], [1.0, -0.97], rng.standard_normal(size))
-            x = np.sin(np.cumsum(steps) / 20)
-    return np.asarray(x, dtype=np.float64)
+    forms: tuple[Callable[[], Vector], ...] = (
+        lambda: np.sin(phase),
+        lambda: np.sin(phase) * (0.3 + 0.7 * t),
+        lambda: 2 / np.pi * np.arcsin(np.sin(phase)),
+        lambda: 0.6 * np.sin(phase) + 0.4 * np.sin(0.37 * phase + 1.0),
+        lambda: np.sin(phase) * np.exp(-2 * t),
+        lambda: np.sin(np.cumsum(lfilter([0.03], [1.0, -0.97], rng.standard_normal(size))) / 20),
+    )
+    return forms[int(rng.integers(6)) if form is None else form]()
 
 
 def loops(rng: Generator, u: Vector, share: float | None = None) -> Vector:
     """Prandtl–Ishlinskii loops of a given width, as a share of the range, computed without the code of the model."""
-    share = rng.uniform(0.05, 0.3) if share is None else share
-    r = np.linspace(0.05, 0.9, 12)
+    share, r = rng.uniform(0.05, 0.3) if share is None else share, np.linspace(0.05, 0.9, 12)
     w = np.exp(-r / rng.uniform(0.2, 0.6))
     z, y = u[0] + rng.uniform(-1, 1) * r, np.empty_like(u)
     for k, value in enumerate(u):
