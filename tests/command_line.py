@@ -57,6 +57,24 @@ while line := sys.stdin.readline():
 """
 
 
+def python(
+    *words: object, folder: Path | None = None, first: object = "", status: int | None = 0, **environment: str
+) -> subprocess.CompletedProcess[str]:
+    """A process of Python with the paths of this one after the ``first``; it must end with a status, if one is
+    given."""
+    done = subprocess.run(
+        [sys.executable, *map(str, words)],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(first)] * bool(first) + sys.path), **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=600,
+    )
+    assert status in (None, done.returncode), (done.stdout, done.stderr)
+    return done
+
+
 def hears_its_terminal() -> None:
     """In a child: SIGINT and SIGHUP end it, though the tests themselves may run in the background or under nohup."""
     for number in (signal.SIGINT, signal.SIGHUP):

@@ -1,24 +1,14 @@
 """Run the scripts in ``examples/``."""
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
-from command_line import without_waiting
+from command_line import python, without_waiting
 
 ROOT = Path(__file__).parent.parent
 
 
 def run_example(script: str, *words: object) -> str:
     """Output of a script, which must succeed."""
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run(
-        [sys.executable, str(ROOT / "examples" / script), *map(str, words)],
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert (done.returncode, without_waiting(done.stderr)) == (0, "")
+    done = python(ROOT / "examples" / script, *words, PYTHONPATH=str(ROOT))
+    assert without_waiting(done.stderr) == ""
     return done.stdout

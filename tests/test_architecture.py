@@ -3,12 +3,11 @@
 import ast
 import json
 import re
-import subprocess
-import sys
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
+from command_line import python
 
 ROOT = Path(__file__).parent.parent
 PACKAGES = ("bench", "piezo_model", "solvers")
@@ -136,8 +135,7 @@ def test_every_solver_file_of_a_folder_holds_one_solver_of_its_name() -> None:
 )
 def test_nothing_is_imported_before_it_is_needed(what: str, unneeded: set[str]) -> None:
     program = f"import json, sys\n{what}\nprint(json.dumps(list(sys.modules)), file=sys.stderr)"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert not unneeded & set(json.loads(done.stderr))
+    assert not unneeded & set(json.loads(python("-c", program).stderr))
 
 
 def test_model_data_basis_and_compensator_need_numpy_msgspec_and_the_core_alone() -> None:
@@ -148,8 +146,7 @@ from piezo_model import Compensator, DataBasis, HysteresisCreepModel, ModelStruc
 new = set(sys.modules) - before
 print(json.dumps([name for name in new if "site-packages" in (getattr(sys.modules[name], "__file__", None) or "")]))
 """
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    found = {name.partition(".")[0] for name in json.loads(done.stdout)}
+    found = {name.partition(".")[0] for name in json.loads(python("-c", program).stdout)}
     assert found <= {"numpy", "lazy_loader", "msgspec", "typing_extensions"}  # the last comes with msgspec
 
 

@@ -1,13 +1,11 @@
 """What is absent is named: features of Linux, packages of the extra ``bench``, and programs that tests need."""
 
-import os
 import re
-import subprocess
-import sys
 from importlib.metadata import requires
 from pathlib import Path
 
 import pytest
+from command_line import python
 from packaging.requirements import Requirement
 
 HIDE = """
@@ -87,26 +85,17 @@ for name in ("npz", "mat", "h5", "tdms", "xlsx"):
 """
 
 
-def elsewhere(program: str, folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-W", NO_DYLD, "-c", HIDE + program, *words],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-
-
 def test_the_library_identifies_compensates_learns_and_solves_without_linux(tmp_path: Path) -> None:
-    done = elsewhere(LIBRARY, tmp_path)
+    done = python("-W", NO_DYLD, "-c", HIDE + LIBRARY, folder=tmp_path)
     assert (done.stdout, done.stderr) == ("", "")
 
 
 @pytest.mark.parametrize("words", [("race",), ("live", "model.json", "--simulate", "relay_preisach")], ids=str)
 def test_the_command_refuses_other_systems_in_one_sentence(tmp_path: Path, words: tuple[str, ...]) -> None:
-    done = elsewhere("from bench.cli import main; main()", tmp_path, *words)
-    assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr == "piezobench: Linux only; on this system the library works from Python: piezo_model\n"
+    main = f"{HIDE}from bench.cli import main; main()"
+    done = python("-W", NO_DYLD, "-c", main, *words, folder=tmp_path, status=2)
+    said = "piezobench: Linux only; on this system the library works from Python: piezo_model\n"
+    assert (done.stdout, done.stderr) == ("", said)
     assert not list(tmp_path.iterdir())
 
 
@@ -119,42 +108,27 @@ NEEDING = {
 }
 
 
-def reasons(done: subprocess.CompletedProcess[str]) -> list[str]:
-    return [line for line in done.stdout.splitlines() if " skipped: " in line]
+def reasons(shown: str) -> list[str]:
+    return [line for line in shown.splitlines() if " skipped: " in line]
 
 
 @pytest.mark.parametrize(("wants_all", "status", "error"), [("", 0, ""), ("1", 1, "ERROR: ")])
 def test_tests_that_need_a_missing_program_are_skipped_with_one_line_that_names_it_or_fail_a_run_of_all(
     tmp_path: Path, wants_all: str, status: int, error: str
 ) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "", *NEEDING.values()],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, "PATH": str(tmp_path), "PIEZOBENCH_ALL_TESTS": wants_all},
-    )
-    assert done.returncode == status, done.stdout
+    words = ("-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "", *NEEDING.values())
+    done = python(*words, folder=ROOT, status=status, PATH=str(tmp_path), PIEZOBENCH_ALL_TESTS=wants_all)
     needed = (f"{name} is not installed; on Debian, apt-get install {name}" for name in NEEDING)
-    assert reasons(done) == [f"{error}1 skipped: {sentence}" for sentence in needed]
+    assert reasons(done.stdout) == [f"{error}1 skipped: {sentence}" for sentence in needed]
 
 
 @pytest.mark.slow
 def test_the_tests_of_the_paper_need_the_library_pytest_and_hypothesis_alone() -> None:
     absent = {"pandas", "quadprog", "selenium", "typer"}
     program = "import pytest; sys.exit(pytest.main(['-q', '-p', 'no:cacheprovider', 'tests/paper']))"
-    done = subprocess.run(
-        [sys.executable, "-c", REFUSE.format(absent=absent) + program],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, "PIEZOBENCH_ALL_TESTS": ""},
-    )
-    assert done.returncode == 0, done.stdout
-    assert {line.split("'")[1] for line in reasons(done)} == {"pandas"}
-    assert int(re.search(r"(\d+) passed", done.stdout)[1]) >= 40
+    shown = python("-c", REFUSE.format(absent=absent) + program, folder=ROOT, PIEZOBENCH_ALL_TESTS="").stdout
+    assert {line.split("'")[1] for line in reasons(shown)} == {"pandas"}
+    assert int(re.search(r"(\d+) passed", shown)[1]) >= 40
 
 
 REFUSE = """
@@ -197,21 +171,11 @@ def absent() -> set[str]:
 @pytest.mark.parametrize("name", ["stage.csv", "stage.parquet"])
 def test_a_recording_is_identified_and_compensated_without_the_packages_of_the_command(tmp_path, name) -> None:
     assert {"pandas", "typer"} <= absent()
-    script = tmp_path / "alone.py"
-    script.write_text(REFUSE.format(absent=absent()) + IDENTIFY)
-    done = subprocess.run([sys.executable, script, tmp_path / name], capture_output=True, text=True, check=False)
+    done = python("-c", REFUSE.format(absent=absent()) + IDENTIFY, tmp_path / name)
     assert done.stderr == ""
     assert "with this model" in done.stdout
 
 
 def test_the_command_says_what_to_install_if_its_packages_are_absent() -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", REFUSE.format(absent={"typer"}) + "from bench.cli import main; main()"],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert (done.returncode, done.stderr) == (
-        2,
-        "piezobench: the command needs the package typer: install piezobench[bench]\n",
-    )
+    done = python("-c", REFUSE.format(absent={"typer"}) + "from bench.cli import main; main()", status=2)
+    assert done.stderr == "piezobench: the command needs the package typer: install piezobench[bench]\n"

@@ -3,8 +3,6 @@
 import functools
 import http.server
 import re
-import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,6 +10,7 @@ from types import ModuleType
 
 import pytest
 from browser import WIDTHS, Browser
+from command_line import python
 from programs import library
 
 import piezo_model
@@ -35,8 +34,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """Address of the site, built strictly."""
     library("mkdocs")
     folder = tmp_path_factory.mktemp("site")
-    words = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--strict", "--site-dir", folder]
-    subprocess.run(words, cwd=ROOT, check=True)
+    python("-m", "mkdocs", "build", "--quiet", "--strict", "--site-dir", folder, folder=ROOT)
     handler = functools.partial(http.server.SimpleHTTPRequestHandler, directory=folder)
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()

@@ -5,8 +5,6 @@ import multiprocessing
 import os
 import shutil
 import signal
-import subprocess
-import sys
 import threading
 import time
 from contextlib import closing
@@ -17,7 +15,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from box_programs import many_weak_rows
-from command_line import CommandLine
+from command_line import CommandLine, python
 from measured_rows import is_right, judged
 from program_files import dense, draw, same_problem, write_mat, write_qps
 from programs import library
@@ -191,36 +189,9 @@ def test_a_race_whose_proofs_cannot_be_cached_continues_with_one_warning(tmp_pat
     for name in ("one", "two"):
         np.savez(tmp_path / "programs" / f"{name}.npz", P=np.eye(2), q=np.ones(2), lb=np.zeros(2))
     (tmp_path / "cache").write_text("a file instead of a folder")
-    call = subprocess.run(
-        [
-            sys.executable,
-            "-m",
-            "bench",
-            "race",
-            "--folder",
-            "programs",
-            "--solver",
-            "daqp",
-            "--lane",
-            "direct",
-            "--limit",
-            "2",
-            "--budget",
-            "0.001",
-            "--rounds",
-            "0",
-            "--out",
-            "results",
-            "--name",
-            "run",
-        ],
-        cwd=tmp_path,
-        env={**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache")},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert call.returncode == 0, call.stderr
+    words = ("race", "--folder", "programs", *SHORT, "--solver", "daqp", "--lane", "direct", "--limit", 2)
+    out, cache = ("--out", "results", "--name", "run"), str(tmp_path / "cache")
+    call = python("-m", "bench", *words, *out, folder=tmp_path, XDG_CACHE_HOME=cache)
     assert call.stderr == (
         f"{tmp_path / 'cache' / 'piezobench'}: cannot be written (Not a directory), so nothing is "
         "kept for the next time\n"

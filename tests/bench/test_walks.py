@@ -1,14 +1,12 @@
 """The walks of a row, a problem and an option through the benchmark are short, and drawn as they are."""
 
 import ast
-import os
 import re
-import subprocess
-import sys
 from dataclasses import fields
 from pathlib import Path
 
 import pytest
+from command_line import python
 
 import bench
 from bench.races.settings import RaceSettings
@@ -52,12 +50,7 @@ def walked(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("walked")
     (folder / "sitecustomize.py").write_text(TRACER.format(folder=str(FOLDER), log=str(folder)))
     words = "race --set paper --limit 1 --solver daqp --lane direct --scaling scaled --rounds 2 --name run --out"
-    subprocess.run(
-        [sys.executable, "-m", "bench", *words.split(), folder],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), *sys.path])},
-        check=True,
-        capture_output=True,
-    )
+    python("-m", "bench", *words.split(), folder, first=folder)
     return folder
 
 

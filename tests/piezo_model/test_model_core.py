@@ -1,14 +1,13 @@
 """The C code of model, data basis and compensator: external calls, warnings, identical bits from every compiler, and
 copies."""
 
-import os
 import subprocess
-import sys
 import threading
 from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import python
 from faulty_sensor import FaultySensor
 from learning_loops import MODES, sensor, structure_for
 from numpy.typing import NDArray
@@ -295,15 +294,7 @@ def restored_or_refused(kind: str, seed: int) -> tuple[int, int]:
 
 @pytest.mark.parametrize("kind", [*MODES, "bank"])
 def test_a_damaged_memory_is_refused_or_drives_inside_the_limits(kind: str) -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", SCRIPT, kind, "0"],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    refused, ran = map(int, done.stdout.split())
+    refused, ran = map(int, python("-c", SCRIPT, kind, 0).stdout.split())
     assert refused > 50
     assert ran > 10
 

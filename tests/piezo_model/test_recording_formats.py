@@ -1,11 +1,8 @@
 """One table in every supported format, read to the last bit; damaged and foreign files are refused."""
 
 import gc
-import os
 import pickle
 import re
-import subprocess
-import sys
 import zipfile
 from collections.abc import Callable
 from datetime import datetime
@@ -20,6 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import scipy.io
+from command_line import python
 from recording_files import N, X, Y, refusal
 from recording_files import workbook as table_workbook
 
@@ -315,13 +313,7 @@ def test_a_missing_library_is_a_sentence_that_says_what_to_install(tmp_path: Pat
     for package in packages.values():
         program = f"raise ModuleNotFoundError('there is none', name={package!r})"
         (tmp_path / "absent" / f"{package}.py").write_text(program)
-    sentences = subprocess.run(
-        [sys.executable, "-c", READ_EACH, *paths],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path / "absent"), *sys.path])},
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout.splitlines()
+    sentences = python("-c", READ_EACH, *paths, first=tmp_path / "absent").stdout.splitlines()
     for path, sentence in zip(paths, sentences, strict=True):
         assert sentence.startswith(f"{path}: is ")
         assert f"reading it needs the package {path.name}: install piezobench[formats]" in sentence

@@ -3,8 +3,6 @@
 import io
 import re
 import struct
-import subprocess
-import sys
 import zipfile
 import zlib
 from collections.abc import Callable
@@ -17,6 +15,7 @@ import numpy as np
 import openpyxl
 import pytest
 import scipy.io
+from command_line import python
 from recording_files import N, X, Y
 from test_recording_formats import FORMATS, PERIOD, T, made
 
@@ -150,8 +149,7 @@ def test_a_file_that_states_too_much_is_refused_in_little_memory(tmp_path: Path)
         HOSTILE[path.stem][0](path)
     made(tmp_path, "HDF5 matrix").rename(first := tmp_path / "small.h5")
     (tmp_path / "small.h5").write_bytes(first.read_bytes()[:-8])  # a refusal that has imported the libraries
-    words = [sys.executable, "-c", READ, first, *paths]
-    done = subprocess.run(words, capture_output=True, text=True, check=True, timeout=240)
+    done = python("-c", READ, first, *paths)
     assert done.stderr == ""
     (start, _), *found = (line.split("\t") for line in done.stdout.splitlines())
     for before, (peak, sentence), path in zip([start, *(peak for peak, _ in found)], found, paths, strict=False):

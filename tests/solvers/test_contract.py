@@ -1,11 +1,8 @@
 """The contract of a solver: one table of cases for all solvers of the registry, and what ours promise beyond it."""
 
 import copy
-import os
 import pickle
 import re
-import subprocess
-import sys
 import tomllib
 import tracemalloc
 from collections.abc import Callable, Iterator
@@ -17,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from box_programs import INF, spectrum_matrix
+from command_line import python
 from programs import ALL, solver_class
 
 import solvers
@@ -248,9 +246,7 @@ def test_a_solver_keeps_its_contract(entry: Entry, promises: Callable[[str, str]
     if entry.name not in COMMERCIAL:
         promises(entry.name, entry.lane)
         return
-    words = [sys.executable, "-c", f"import sys, test_contract as t; t.{promises.__name__}(*sys.argv[1:])"]
-    paths = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    subprocess.run([*words, entry.name, entry.lane], env=paths, check=True, timeout=120)
+    python("-c", f"import sys, test_contract as t; t.{promises.__name__}(*sys.argv[1:])", entry.name, entry.lane)
 
 
 REMOVED: dict[str, tuple[Any, str, Any, dict[str, Any]]] = {

@@ -3,8 +3,6 @@
 The problems are constructed from their answers, see ``answered_pairs``.
 """
 
-import os
-import subprocess
 import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -15,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from answered_pairs import FORMS, arrays, asking, pair, strided_and_locked
+from command_line import python
 from programs import solver_class
 from scipy.sparse import csc_matrix, csr_matrix
 
@@ -402,8 +401,7 @@ def test_an_unknown_solver_imports_no_cvxpy_and_a_library_that_does_not_load_is_
         "import sys, solvers\ntry:\n    solvers.find('nope')\nexcept KeyError:\n    print('cvxpy' in sys.modules)\n"
         "from solvers import cvxpy_lane\nprint('proxqp' in cvxpy_lane.INSTALLED)"
     )
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, env=environment)
+    done = python("-c", program, first=tmp_path)
     assert (done.stdout, done.stderr) == ("False\nFalse\n", "")
 
 

@@ -1,19 +1,14 @@
 """Solvers of other packages, found by their entry points; the packages are real ones on the path of a real process."""
 
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import faulty_solvers
 import pytest
-from command_line import without_waiting
+from command_line import python, without_waiting
 
 from bench.store import Run
 from solvers import registry
-
-ROOT = Path(__file__).parents[2]
 
 
 def installed(target: Path, entry_points: str, package: str = "tiny-solvers", version: str = "1.2.3") -> Path:
@@ -40,43 +35,11 @@ def test_no_name_of_a_file_hides_a_solver(tmp_path: Path, monkeypatch: pytest.Mo
     assert not {("direct", "x_shared"), ("kernel", "y_z")} & found
 
 
-def python(target: Path, *words: object) -> subprocess.CompletedProcess[str]:
-    """Python with the folder on its path."""
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(target)])}
-    return subprocess.run(
-        [sys.executable, *map(str, words)],
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=target,
-    )
-
-
 @pytest.mark.slow
 def test_a_solver_of_another_package_is_raced_like_ours_and_its_version_kept(tmp_path: Path) -> None:
     target = installed(tmp_path / "site", "direct.tiny = tiny_solvers:Mine")
-    call = python(
-        target,
-        "-m",
-        "bench",
-        "race",
-        "--solver",
-        "tiny",
-        "--set",
-        "paper",
-        "--limit",
-        1,
-        "--budget",
-        0.001,
-        "--scaling",
-        "scaled",
-        "--out",
-        tmp_path,
-        "--name",
-        "run",
-    )
-    assert call.returncode == 0, call.stderr
+    few = ("--set", "paper", "--limit", 1, "--budget", 0.001, "--scaling", "scaled", "--out", tmp_path, "--name", "run")
+    python("-m", "bench", "race", "--solver", "tiny", *few, folder=target, first=target)
     run = Run(tmp_path / "run")
     assert run.settings["lanes"] == {"tiny (direct)": "1.2.3"}
     assert set(run.rows().query("solver == 'tiny'").status) == {"answered"}
@@ -91,13 +54,12 @@ def test_a_name_without_a_lane_is_in_the_lane_direct_and_an_unusable_class_is_ab
         "tiny_solvers:Mine\n"
         "direct.gone = no_such_module:Mine",
     )
-    shown = python(
-        target,
-        "-c",
+    program = (
         "import solvers\nfrom solvers.registry import describe, find\n"
         "print(find('tiny').lane, solvers.get('tiny').name)\n"
-        "for name in ('yours', 'lost', 'gone'): print(describe(find(name)).absent)",
-    ).stdout.splitlines()
+        "for name in ('yours', 'lost', 'gone'): print(describe(find(name)).absent)"
+    )
+    shown = python("-c", program, first=target).stdout.splitlines()
     promised = (
         "direct tiny",
         "has no Solver class Yours",
@@ -126,7 +88,8 @@ for target in sys.argv[1:]:
 def test_an_absent_solver_and_an_invalid_registration_end_a_race_with_the_reason_and_leave_nothing(
     tmp_path: Path,
 ) -> None:
-    call = python(tmp_path, "-c", RACES, *(installed(tmp_path / str(i), each) for i, each in enumerate(REFUSED)))
+    targets = [installed(tmp_path / str(i), each) for i, each in enumerate(REFUSED)]
+    call = python("-c", RACES, *targets, folder=tmp_path)
     assert call.stdout.split() == ["2"] * len(REFUSED)
     for message, sentence in zip(REFUSED.values(), without_waiting(call.stderr).splitlines(), strict=True):
         assert re.match(f"piezobench race: .*{re.escape(message)}", sentence)
