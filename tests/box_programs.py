@@ -19,20 +19,14 @@ def spectrum_matrix(rng: np.random.Generator, d: int, decades: float) -> Array:
     return (P + P.T) / 2
 
 
-def random_bounds(rng: np.random.Generator, d: int) -> tuple[Array, Array]:
-    """Bounds of free, one-sided, two-sided and fixed variables."""
-    lb = np.where(rng.random(d) < 0.7, rng.normal(size=d), -INF)
+def random_program(seed: int, d: int, decades: float) -> tuple[Array, Array, Array, Array]:
+    """P, q, lb, ub of free, one-sided, two-sided and fixed variables; q is usually in the range of P."""
+    rng = np.random.default_rng(seed)
+    P, lb = spectrum_matrix(rng, d, decades), np.where(rng.random(d) < 0.7, rng.normal(size=d), -INF)
     ub = np.where(rng.random(d) < 0.4, np.where(np.isfinite(lb), lb, 0) + np.abs(rng.normal(size=d)), INF)
     fixed = rng.random(d) < 0.1
-    return np.where(fixed, 0.5, lb), np.where(fixed, 0.5, ub)
-
-
-def random_program(seed: int, d: int, decades: float) -> tuple[Array, Array, Array, Array]:
-    """P, q, lb, ub; q is usually in the range of P."""
-    rng = np.random.default_rng(seed)
-    P, (lb, ub) = spectrum_matrix(rng, d, decades), random_bounds(rng, d)
     q = -P @ rng.normal(size=d) if rng.random() < 0.7 else rng.normal(size=d)
-    return P, q, lb, ub
+    return P, q, np.where(fixed, 0.5, lb), np.where(fixed, 0.5, ub)
 
 
 def inside(x: Array, lb: Array, ub: Array) -> bool:

@@ -96,21 +96,19 @@ def refused(piezobench: CommandLine, folder: Path, *words: object, largest_file:
 
 @pytest.mark.parametrize("verb", VERBS)
 def test_the_help_of_a_verb_describes_it_and_its_options(piezobench: CommandLine, verb: str) -> None:
-    call = piezobench.quietly(verb, "--help")
-    assert call.stdout.startswith(f"Usage: piezobench {verb}")
+    assert piezobench.quietly(verb, "--help").stdout.startswith(f"Usage: piezobench {verb}")
     options = vars(get_command(command_line([verb])))["commands"][verb].params
     assert not [option.name for option in options if not option.help]
 
 
 def test_the_version_is_that_of_the_package(piezobench: CommandLine) -> None:
-    call = piezobench("--version")
-    assert (call.status, call.stdout, call.stderr) == (0, f"piezobench {version('piezobench')}\n", "")
+    assert piezobench.quietly("--version").stdout == f"piezobench {version('piezobench')}\n"
 
 
 @pytest.mark.parametrize("words", [(), ("--help",)])
 def test_the_command_alone_lists_its_verbs(piezobench: CommandLine, words: tuple[str, ...]) -> None:
-    call = piezobench.run(*words)
-    assert all(f"  {verb} " in call.stdout for verb in VERBS)
+    shown = piezobench.run(*words).stdout
+    assert all(f"  {verb} " in shown for verb in VERBS)
 
 
 def test_the_module_and_the_installed_script_refuse_alike(tmp_path: Path) -> None:
@@ -531,7 +529,6 @@ def test_validate_says_if_the_model_was_fitted_to_the_recording_itself_whatever_
     t, x, y = np.loadtxt(desk / "stage.csv", delimiter=",", skiprows=1, unpack=True)
     write_table(tmp_path / f"copy.{suffix}", {"t_s": t, "voltage_V": x, "displacement_um": y})
     words = ("validate", desk / "model.json", f"copy.{suffix}", "--page", "copy.html")
-    call = piezobench.quietly(*words, folder=tmp_path)
-    assert OWN in call.stdout
+    assert OWN in piezobench.quietly(*words, folder=tmp_path).stdout
     assert OWN in (tmp_path / "copy.html").read_text()
     assert json.loads(piezobench(*words, "--json", folder=tmp_path).stdout)["own"] is True

@@ -331,9 +331,8 @@ def test_a_tier_that_is_not_reached_has_no_row_and_warm_starts_have_their_own() 
 
 
 def test_a_median_of_interleaved_times_is_unknown_if_a_problem_lacks_it() -> None:
-    hot = ladder({"p1": [0.0], "p2": [0.0]})
-    table = summary(measured([*hot, *ladder({"p1": [0.0]}, timed="interleaved")]))
-    assert table.interleaved_us.isna().all()
+    rows = [*ladder({"p1": [0.0], "p2": [0.0]}), *ladder({"p1": [0.0]}, timed="interleaved")]
+    assert summary(measured(rows)).interleaved_us.isna().all()
 
 
 EPS = '{"eps": 1e-8}'

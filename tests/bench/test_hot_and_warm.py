@@ -119,9 +119,8 @@ def test_each_repeat_has_processes_of_its_own(drift_race: Race) -> None:
 
 
 def test_no_row_is_rewritten_and_a_longer_measurement_is_a_row_of_its_own(clean_race: Race) -> None:
-    key = ["task", "timed", "repeat"]
-    assert not clean_race.rows.duplicated(key).any()
-    longer = clean_race.rows[clean_race.rows.timed == "long"]
+    assert not clean_race.rows.duplicated(["task", "timed", "repeat"]).any()
+    longer = clean_race.rows.query("timed == 'long'")
     assert set(longer.task) <= set(clean_race.hot.task)
     found = clean_race.found.rows.set_index("task").answer_us
     assert found[longer.task].tolist() == longer.answer_us.tolist()

@@ -12,6 +12,7 @@ import pytest
 from command_line import (
     hears_its_terminal,
     pacing,
+    python,
     wait_until,
     wait_until_gone,
     without_waiting,
@@ -57,21 +58,11 @@ def test_an_interrupt_while_libraries_are_imported_ends_the_program_in_silence(t
 def test_a_folder_for_temporary_files_whose_name_is_too_long_is_named(tmp_path: Path) -> None:
     temporary = tmp_path / ("t" * 90)
     temporary.mkdir()
-    call = subprocess.run(
-        [sys.executable, "-m", "bench", "race", "--solver", "daqp", "--out", str(tmp_path / "results")],
-        check=False,
-        env={**os.environ, "TMPDIR": str(temporary)},
-        capture_output=True,
-        text=True,
-    )
-    assert call.returncode == 2
-    (output,) = call.stderr.splitlines()
-    assert (
-        f"{temporary} has too long a name for the sockets of the solvers' processes; set TMPDIR to another folder"
-        in output
-    )
-    assert not (tmp_path / "results").exists()
-    assert not list(temporary.iterdir())
+    words = ("-m", "bench", "race", "--solver", "daqp", "--out", tmp_path / "results")
+    (output,) = python(*words, status=2, TMPDIR=str(temporary)).stderr.splitlines()
+    why = "has too long a name for the sockets of the solvers' processes; set TMPDIR to another folder"
+    assert f"{temporary} {why}" in output
+    assert [*tmp_path.rglob("*")] == [temporary]
 
 
 FEW = ("--solver", "daqp", "--lane", "direct", "--out", "results", "--name", "run")
@@ -161,7 +152,7 @@ except KeyboardInterrupt:
 
 
 def test_an_interrupt_that_a_library_swallows_is_raised_again_and_does_not_cut_the_cleanup_short() -> None:
-    done = subprocess.run([sys.executable, "-c", LOST], capture_output=True, text=True, check=False)
+    done = python("-c", LOST)
     assert (done.stdout.split(), done.stderr) == (["lost", "tidied", "arrived"], "")
 
 

@@ -54,19 +54,16 @@ def test_a_unit_that_is_code_is_written_and_never_executed(
     file = json.loads((tmp_path / "m.json").read_text())
     file["structure"] |= {"input_unit": unit, "output_unit": output_unit}
     (tmp_path / "m.json").write_text(json.dumps(file))
-    piezobench.run("export-c", "m.json", "c", folder=tmp_path)
-    piezobench.run("export-c", "m.json", "learning", "--part", "learning", folder=tmp_path)
-    for folder in ("c", "learning"):
+    for folder in ("compensator", "learning"):
+        piezobench.run("export-c", "m.json", folder, "--part", folder, folder=tmp_path)
         said = subprocess.run([program("make"), "-C", tmp_path / folder, "run"], capture_output=True, check=True).stderr
         assert unit.encode() in said
-    piezobench.run("export-fmu", "m.json", "two.fmu", "--fmi", "2", folder=tmp_path)
-    piezobench.run("export-fmu", "m.json", "three.fmu", folder=tmp_path)
-    for name in ("two", "three"):
+    for name in ("2", "3"):
+        piezobench.run("export-fmu", "m.json", f"{name}.fmu", "--fmi", name, folder=tmp_path)
         zipfile.ZipFile(tmp_path / f"{name}.fmu").extractall(tmp_path / name)
         description = ET.parse(tmp_path / name / "modelDescription.xml")
         assert unit.replace("\x01", "\ufffd") in [found.get("name") for found in description.iter("Unit")]
-        (library,) = (tmp_path / name / "binaries").rglob("*.so")
-        ctypes.CDLL(str(library))
+        ctypes.CDLL(*map(str, (tmp_path / name / "binaries").rglob("*.so")))
     piezobench.run("realtime", "m.json", "--seconds", "0.02", "--priority", "0", folder=tmp_path)
     assert not touched.exists()
 

@@ -293,8 +293,7 @@ def test_a_solver_is_drawn_in_its_best_lane_and_named_at_the_setting_of_the_tabl
     assert table.loc["osqp", "direct"].end.tolist() == [False, True, False]
     assert table.loc["mine", "direct"].drawn.tolist() == [1e-5, pictures.MOST_GAP]
     assert "Not drawn, since they have no time: lost (direct)." in figures(found, summary(found))[0].definition
-    few = pictures.work_precision(measured([each for each in rows if each["solver"] == "osqp"]))
-    assert few.front.all()
+    assert pictures.work_precision(measured([each for each in rows if each["solver"] == "osqp"])).front.all()
 
 
 def timed(solver: str, times: list[float], gaps: list[float]) -> list[Row]:
@@ -355,8 +354,7 @@ def test_a_size_of_several_problems_has_their_median_if_all_are_right() -> None:
 
 
 def test_solvers_right_at_every_size_come_first_in_the_order_of_their_times() -> None:
-    lines = pictures.sizes(measured(sized()))
-    names = lines.name.drop_duplicates().tolist()
+    names = pictures.sizes(measured(sized())).name.drop_duplicates().tolist()
     assert names[:2] == ["box_active_set† (direct)", "box_active_set† (qpsolvers)"]
     assert {*names[-2:]} == {"a (direct)", "a (qpsolvers)"}
 

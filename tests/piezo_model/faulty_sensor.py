@@ -4,12 +4,10 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from piezo_model import plants
 from piezo_model.signals import staircase
-
-Vector = NDArray[np.float64]
+from solvers.arrays import Vector
 
 SENSOR_FAULTS: dict[str, Callable[[Any, Vector, np.random.Generator, float], Vector]] = {
     "nan": lambda sensor, y, random, span: np.full_like(y, np.nan),

@@ -3,13 +3,10 @@
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 from faulty_sensor import rms_percent
-from numpy.typing import NDArray
 
 from piezo_model import ModelStructure, OperatorState, SelfLearningCompensator, plants
-
-Vector = NDArray[np.float64]
+from solvers.arrays import Vector
 
 T = 1e-3
 NOISE = 2e-4

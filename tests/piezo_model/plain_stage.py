@@ -1,12 +1,11 @@
 """A stage of three plays."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from piezo_model.operators import play
+from solvers.arrays import Vector
 
-Vector = NDArray[np.float64]
 THRESHOLDS = np.array([0.24, 0.8, 2.0])
 
 

@@ -4,14 +4,13 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from piezo_model import plants, signals
 from piezo_model.operators import play
 from piezo_model.recordings import Recording
+from solvers.arrays import Vector
 
-Vector = NDArray[np.float64]
 SAMPLE_TIME = 1e-3
 
 

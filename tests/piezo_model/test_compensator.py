@@ -41,10 +41,8 @@ def test_sample_by_sample_and_in_chunks_the_drive_is_the_same(case: Case) -> Non
 def test_the_states_are_those_of_the_actuator_that_saw_the_limited_drive(case: Case) -> None:
     s = case.structure
     limits = (s.x_centre - 0.3 * s.x_scale, s.x_centre + 0.4 * s.x_scale)
-    rate = 0.05 * s.x_scale / s.sample_time
-    compensator = Compensator(case.model, limits, rate, case.state)
-    x = compensator.run(case.reference())
-    actuator = case.model.advance(x, case.state)[1]
+    compensator = Compensator(case.model, limits, 0.05 * s.x_scale / s.sample_time, case.state)
+    actuator = case.model.advance(compensator.run(case.reference()), case.state)[1]
     for name in ("play", "creep"):
         np.testing.assert_allclose(getattr(compensator.state, name), getattr(actuator, name), rtol=0, atol=1e-12)
 

@@ -10,7 +10,6 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 from known_models import structure, true_model
-from numpy.typing import NDArray
 from ringing_stage import RingingStage, T, recorded, steps
 
 from piezo_model import (
@@ -28,6 +27,7 @@ from piezo_model import (
     signals,
 )
 from piezo_model.prefilter import Prefilter
+from solvers.arrays import Vector
 
 ONE = Dynamics((500.0,), (0.01,), (1.0,), 1.3125 * T)
 TWO = Dynamics((120.0, 900.0), (0.03, 0.01), (0.8, 0.15), 0.5 * T, 2e-4)
@@ -191,7 +191,6 @@ def test_a_change_of_the_dynamics_begins_in_balance() -> None:
     assert np.ptp(compensator.run(np.full(200, 5.0))) < 1e-6
 
 
-Vector = NDArray[np.float64]
 S = ModelStructure.equidistant(5, 3, (0.0, 150.0), (-20.0, 20.0), (100.0, 10.0, 1.0), T, offset=True)
 LINE = HysteresisCreepModel.from_weights(S, S.straight_line)
 
@@ -225,8 +224,7 @@ def error_percent(model: HysteresisCreepModel, kind: str = "maxwell_slip") -> fl
 def best_percent(kind: str = "maxwell_slip") -> float:
     """The same of the model of a slow recording without dynamics."""
     x = signals.decaying_triangle(duration_s=4.0, sample_time=T, low=5, high=145, cycles=20)
-    y = plants.get(kind, sample_time=T).run(x)
-    return error_percent(identify(x, y, S, dynamics="ignore"), kind)
+    return error_percent(identify(x, plants.get(kind, sample_time=T).run(x), S, dynamics="ignore"), kind)
 
 
 def learned(
@@ -323,35 +321,34 @@ def test_each_lane_of_a_bank_is_a_single_learner_of_its_own_dynamics_to_the_last
 def test_a_restored_bank_and_learner_compute_with_the_dynamics_that_they_state() -> None:
     other = replace(ONE, frequencies_Hz=(510.0,), damping=(0.02,))
     reference = scan(30.0, 0.5)
-    bank, same = CompensatorBank(S, 11, dynamics=ONE), CompensatorBank(S, 11, dynamics=other)
-    bank.remove(4)
-    same.remove(4)
+    banks = [CompensatorBank(S, 11, dynamics=dynamics) for dynamics in (ONE, other)]
+    for each in banks:
+        each.remove(4)
+    bank, same = banks
     state = bank.get_state()
     state["dynamics"][:] = same.get_state()["dynamics"]
     bank.restore(state)
     measured = np.repeat(0.9 * reference[:, None], 10, axis=1)
     np.testing.assert_array_equal(bank.run(measured, measured), same.run(measured, measured))
-    for change, why in (
-        ({"delay_s": 0.5}, "the bank has room for 1 modes and the lag of its own"),
-        ({"frequencies_Hz": [0.36 / T]}, "the resonance at 3600 Hz is above 35 % of the sampling rate"),
-    ):
-        state["dynamics"][3]["dynamics"] = {**other.to_dict(), **change}
-        with pytest.raises(ValueError, match=why):
-            bank.restore(state)
-    wild = bank.get_state()
-    wild["core"].view(np.float64)[bank._core.offsets["prefilter"][0] // 8] = 1e101
-    with pytest.raises(ValueError, match="a count or a number in it cannot be"):
-        bank.restore(wild)
     learner, same_learner = learner_of(ONE), learner_of(other)
     saved = learner.get_state()
     saved["compensator"]["model"]["dynamics"] = other.__dict__
     learner.restore(saved)
-    np.testing.assert_array_equal(
-        learner.replay(reference, 0.9 * reference), same_learner.replay(reference, 0.9 * reference)
-    )
+    drives = [each.replay(reference, 0.9 * reference) for each in (learner, same_learner)]
+    np.testing.assert_array_equal(*drives)
+    late, fast, wild = (bank.get_state() for _ in range(3))
+    late["dynamics"][3]["dynamics"] = {**other.to_dict(), "delay_s": 0.5}
+    fast["dynamics"][3]["dynamics"] = {**other.to_dict(), "frequencies_Hz": [0.36 / T]}
+    wild["core"].view(np.float64)[bank._core.offsets["prefilter"][0] // 8] = 1e101
     saved["compensator"]["prefilter"][-1] = 1e101
-    with pytest.raises(ValueError, match=r"the state of the dynamics must be \d+ numbers of at most 1e\+100 in size"):
-        learner.restore(saved)
+    for one, wrong, why in (
+        (bank, late, "the bank has room for 1 modes and the lag of its own"),
+        (bank, fast, "the resonance at 3600 Hz is above 35 % of the sampling rate"),
+        (bank, wild, "a count or a number in it cannot be"),
+        (learner, saved, r"the state of the dynamics must be \d+ numbers of at most 1e\+100 in size"),
+    ):
+        with pytest.raises(ValueError, match=why):
+            one.restore(wrong)
 
 
 def test_a_bank_refuses_dynamics_for_which_it_has_no_room() -> None:

@@ -121,8 +121,8 @@ def test_removal_of_a_lag_keeps_the_known_states_at_the_start() -> None:
 
 
 def test_a_lag_beyond_the_longest_tried_one_is_reported_as_a_lower_bound() -> None:
-    model = identify(lagging(40), force=True)  # refused as a delay otherwise
-    assert sentences(model, "lags by 20.00 samples or more, the search limit")
+    # refused as a delay otherwise
+    assert sentences(identify(lagging(40), force=True), "lags by 20.00 samples or more, the search limit")
 
 
 def test_a_lag_is_identified_after_a_rest_longer_than_the_samples_for_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -46,15 +46,10 @@ def test_a_slow_drive_whose_first_samples_are_a_short_arc_is_judged_by_all_sampl
     assert identify(recording(DESCRIBABLE["a slow sine and a lag"], seed)).report["fit"]["samples"] > 50_000
 
 
-def levels(rng: np.random.Generator, size: int, hold: int) -> np.ndarray:
-    """Random levels between −1 and 1."""
-    return np.repeat(rng.uniform(-1.0, 1.0, size // hold), hold)
-
-
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_model_that_is_hardly_better_than_a_line_is_refused_with_the_reason(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    u = levels(rng, 20_000, 200)
+    u = np.repeat(rng.uniform(-1.0, 1.0, 100), 200)
     made = Recording.from_arrays(u, noisy(rng, resonant(loops(rng, u, 0.2), 300.0, 0.7, 1e-4), 5e-4), 1e-4)
     with pytest.raises(IdentificationError, match=r"RMS residual .* of range with a straight line, "):
         identify(made, dynamics="ignore")
@@ -93,9 +88,8 @@ def test_a_forced_model_reports_the_reason_against_it_first() -> None:
 def test_few_counted_samples_and_a_single_branch_are_reported() -> None:
     u = np.linspace(-1.0, 1.0, 3000)
     rng = np.random.default_rng(0)
-    y = noisy(rng, creeping(rng, u), 0.001)
-    model = identify(Recording.from_arrays(u, y, SAMPLE_TIME), skip=2000)
-    findings = " ".join(model.report["findings"])
+    made = Recording.from_arrays(u, noisy(rng, creeping(rng, u), 0.001), SAMPLE_TIME)
+    findings = " ".join(identify(made, skip=2000).report["findings"])
     assert "Only 1000 of 3000 samples are counted" in findings
     assert "almost a single branch" in findings
 
@@ -160,8 +154,7 @@ def test_a_rest_a_jump_and_an_offset_before_a_sine_do_not_change_the_fit() -> No
     rng, t = np.random.default_rng(8), np.arange(12_000) * SAMPLE_TIME
     u = np.where(t < 3.0, 0.0, 150.0 * np.sin(2 * np.pi * 0.5 * (t - 3.0) - 0.62))
     assert u[3000] == pytest.approx(-87.0, abs=1.0)
-    clean = loops(rng, u / 150.0)
-    y = noisy(rng, 20.0 * clean - 7.0, 0.001)
+    y = noisy(rng, 20.0 * loops(rng, u / 150.0) - 7.0, 0.001)
     whole, sine = (
         identify(Recording.from_arrays(u, y, SAMPLE_TIME)),
         identify(Recording.from_arrays(u[3000:], y[3000:], SAMPLE_TIME)),

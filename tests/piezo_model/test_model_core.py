@@ -169,26 +169,17 @@ REVERSED = 4
 """Its actuator whose output falls as the input rises."""
 
 
-def three_rates(plant: plants.Plant, n: int = 5, m: int = 3, offset: bool = False) -> ModelStructure:
-    return ModelStructure.equidistant(n, m, plant.x_range, plant.y_range, (100.0, 10.0, 1.0), T, offset=offset)
-
-
 def recorded(plant: plants.Plant, faulty: bool) -> tuple[Vector, Vector]:
     """References and measured outputs of eight actuators, some with failing sensors."""
     t, number = np.arange(SAMPLES)[:, None] * T, np.arange(COUNT)
-    y_range = np.array(plant.y_range)
-    y_ref = y_range.mean() + 0.45 * np.ptp(y_range) * np.sin(2 * np.pi * (1.3 + 0.2 * number) * t) * np.cos(
-        2 * np.pi * 0.11 * t
-    )
-    y = np.empty_like(y_ref)
+    y_range, x_range = np.array(plant.y_range), np.array(plant.x_range)
+    wave = 0.9 * np.sin(2 * np.pi * (1.3 + 0.2 * number) * t) * np.cos(2 * np.pi * 0.11 * t)
+    y = np.empty_like(wave)
     for i in range(COUNT):
         actuator = plants.Sensor(plants.get("relay_preisach", sample_time=T), noise_um=2e-4 * np.ptp(y_range), seed=i)
         measure = FaultySensor(actuator, seed=i) if faulty and i % 2 else actuator.run
-        x = np.mean(plant.x_range) + 0.45 * np.ptp(plant.x_range) * (y_ref[:, i] - y_range.mean()) / (
-            0.5 * np.ptp(y_range)
-        )
-        y[:, i] = measure(x)
-    return y_ref, y
+        y[:, i] = measure(x_range.mean() + 0.45 * np.ptp(x_range) * wave[:, i])
+    return y_range.mean() + 0.5 * np.ptp(y_range) * wave, y
 
 
 @pytest.mark.sample(4)
@@ -199,7 +190,7 @@ def test_each_lane_drives_and_learns_like_a_single_compensator_to_the_last_bit(
     faulty: bool, integral_gain: float, n: int, m: int, offset: bool, tmp_path: Path
 ) -> None:
     plant = plants.get("relay_preisach", sample_time=T)
-    structure = three_rates(plant, n, m, offset)
+    structure = ModelStructure.equidistant(n, m, plant.x_range, plant.y_range, (100.0, 10.0, 1.0), T, offset=offset)
     y_ref, y = recorded(plant, faulty)
     y[:, REVERSED] = sum(plant.y_range) - y[:, REVERSED]
     before = np.vstack([np.full(COUNT, np.nan), y[:-1]])

@@ -57,8 +57,7 @@ def test_each_part_begins_in_states_of_its_own_and_the_model_keeps_them(tmp_path
 def test_many_short_parts_give_the_model_of_a_long_recording_without_a_search_of_their_states() -> None:
     rng = np.random.default_rng(1)
     drives = [5 + rng.uniform(2, 4) * np.sin(np.linspace(0, rng.uniform(9, 15), 30)) for _ in range(60)]
-    parts = joined([(drive, UP) for drive in drives])
-    model = identify(parts, n=5, m=1, creep_rates=())
+    model = identify(joined([(drive, UP) for drive in drives]), n=5, m=1, creep_rates=())
     starts, slow = [part["start"] for part in model.report["parts"]], swelling(3.0, 3000)
     assert (model.report["start"], len(starts), "searched" in starts) == ("after an ascent", 59, False)
     error = model.simulate(slow) - stage(slow, slow[0])
@@ -153,6 +152,5 @@ def test_a_report_informs_and_nothing_that_runs_depends_on_it(report: dict[str, 
     model = replace(true_model(structure()), report=report)
     model.save(tmp_path / "model.json")
     loaded = HysteresisCreepModel.load(tmp_path / "model.json")
-    recording = Recording.from_arrays(x, model.simulate(x), 5e-3)
-    assert loaded.validate(recording).fit.rms_percent < 1.0
+    assert loaded.validate(Recording.from_arrays(x, model.simulate(x), 5e-3)).fit.rms_percent < 1.0
     assert loaded.at(1e-3).require_stable(1.0) == np.inf

@@ -62,9 +62,8 @@ def test_a_ladder_has_at_most_eight_rungs_each_tighter_than_the_one_below_and_fo
     cls = solver_class(entry)
     assert issubclass(cls, LibrarySolver) or entry in OURS
     names = [setting_text({**cls.fixed_settings, **rung}) for rung in cls.ladder(1.0)]
-    assert len(set(names)) == len(names)
+    assert (len(set(names)), [*cls.exponents]) == (len(names), sorted(cls.exponents))
     assert len(cls.exponents) in (0, len(names))
-    assert list(cls.exponents) == sorted(cls.exponents)
     assert cls.exponents or entry.lane not in (Lane.QPSOLVERS, Lane.CVXPY) or len(names) == 1
     for c in (1e-4, 0.2, 1.0, 2.5e6):
         ladder = cls.ladder(c)
@@ -103,11 +102,8 @@ def test_every_setting_of_a_ladder_is_one_that_the_library_takes(entry: Entry) -
 
 @pytest.mark.parametrize("entry", named([entry for entry in LIBRARIES if entry.lane in (Lane.DIRECT, Lane.KERNEL)]))
 def test_some_rung_reaches_a_billionth_on_two_problems(entry: Entry) -> None:
-    cls = solver_class(entry)
-    forms = two_problems()
-    best = float("inf")
-    for rungs in zip(*(reversed(cls.ladder(form.c)) for form in forms), strict=True):
-        best = min(best, max(accuracy(cls(**rung), form) for form, rung in zip(forms, rungs, strict=True)))
-        if best <= 1e-9:
-            break
-    assert best <= 1e-9
+    cls, forms = solver_class(entry), two_problems()
+    assert any(
+        max(accuracy(cls(**rung), form) for form, rung in zip(forms, rungs, strict=True)) <= 1e-9
+        for rungs in zip(*(reversed(cls.ladder(form.c)) for form in forms), strict=True)
+    )
