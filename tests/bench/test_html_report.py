@@ -150,34 +150,42 @@ def test_filters_and_search_show_the_matching_rows(browser: Browser, page: Path,
     )
 
 
-def test_the_button_switches_from_light_to_dark(browser: Browser, page: Path) -> None:
+@pytest.mark.parametrize(
+    ("seen", "action", "change"),
+    [
+        pytest.param(
+            "return getComputedStyle(document.body).backgroundColor",
+            "document.getElementById('colours').click()",
+            None,
+            id="the button switches from light to dark",
+        ),
+        pytest.param(
+            """return [...document.querySelectorAll('#work_precision svg .mark-symbol path')]
+            .map(point => point.getAttribute('transform')).join()""",
+            """const s = document.querySelector('#work_precision select');
+            s.value = 'raw data'; s.dispatchEvent(new Event('change'))""",
+            None,
+            id="a choice of the view redraws a plot",
+        ),
+        pytest.param(
+            """const strong = [...document.querySelectorAll('#work_precision .mark-line path')].filter(line =>
+            line.getAttribute('stroke-width') === '3.5' && line.getAttribute('opacity') !== '0').length;
+            return strong === 0 ? 'none' : strong < 5 ? 'few' : 'many'""",
+            """const sought = document.querySelector('#work_precision input[type=search]');
+            sought.value = 'DAQP'; sought.dispatchEvent(new Event('input'))""",
+            ["none", "few"],
+            id="a typed name is highlighted among the lines of a plot",
+        ),
+    ],
+)
+def test_a_control_of_the_page_changes_what_is_seen(
+    browser: Browser, page: Path, seen: str, action: str, change: list[str] | None
+) -> None:
     browser.open(page)
-    paper = "return getComputedStyle(document.body).backgroundColor"
-    click = "document.getElementById('colours').click()"
-    assert browser.run(paper) != browser.run(f"{click}; {paper}")
-
-
-def test_a_choice_of_the_view_redraws_a_plot(browser: Browser, page: Path) -> None:
-    browser.open(page)
-    points = """return [...document.querySelectorAll('#work_precision svg .mark-symbol path')]
-        .map(point => point.getAttribute('transform')).join()"""
-    before = browser.run(points)
-    browser.run("""const s = document.querySelector('#work_precision select');
-        s.value = 'raw data'; s.dispatchEvent(new Event('change'))""")
-    browser.wait_until(lambda: browser.run(points) != before)
-
-
-def test_a_typed_name_is_highlighted_among_the_lines_of_a_plot(browser: Browser, page: Path) -> None:
-    browser.open(page)
-    strong = (
-        "return [...document.querySelectorAll('#work_precision .mark-line path')].filter(line => "
-        "line.getAttribute('stroke-width') === '3.5' "
-        "&& line.getAttribute('opacity') !== '0').length"
-    )
-    assert browser.run(strong) == 0
-    browser.run("""const sought = document.querySelector('#work_precision input[type=search]');
-        sought.value = 'DAQP'; sought.dispatchEvent(new Event('input'))""")
-    browser.wait_until(lambda: 0 < browser.run(strong) < 5)
+    before = browser.run(seen)
+    browser.run(action)
+    browser.wait_until(lambda: browser.run(seen) != before)
+    assert change in (None, [before, browser.run(seen)])
 
 
 def test_the_page_is_one_small_file_that_links_to_the_data_of_each_plot(browser: Browser, page: Path) -> None:

@@ -204,13 +204,10 @@ def stamps(form: str, start: str, period_ns: int, count: int) -> list[str]:
     "form", ["{Y}-{M}-{D}T{h}:{m}:{s}.{n}Z", "{D}.{M}.{Y} {h}:{m}:{s},{n}", "{h}:{m}:{s}.{n}", "{m}:{s}.{n}"]
 )
 def test_clocks_are_read_to_the_nanosecond(tmp_path: Path, form: str, period_ns: int) -> None:
-    decimal = ";" if "," in form else ","
-    rows = [
-        f"{t}{decimal}{k % 7}{decimal}{k % 5}"
-        for k, t in enumerate(stamps(form, "2024-01-31T12:00:59.9999", period_ns, 3000))
-    ]
-    recording = Recording.open(text_file(tmp_path, HEADER.strip().replace(",", decimal), *rows))
-    assert recording.sample_time == period_ns / 1e9
+    separator, times = ";" if "," in form else ",", stamps(form, "2024-01-31T12:00:59.9999", period_ns, 3000)
+    lines = [HEADER.strip().replace(",", separator), *(f"{t};{k % 7};{k % 5}" for k, t in enumerate(times))]
+    path = text_file(tmp_path, *(line.replace(";", separator) for line in lines))
+    assert Recording.open(path).sample_time == period_ns / 1e9
 
 
 @pytest.mark.parametrize(
@@ -272,17 +269,11 @@ def test_any_dialect_is_detected(
     if (separator == "," == decimal and not quote) or (separator == " " and quote):
         return
     values = np.random.default_rng(seed).normal(0, 10, (30, width))
-    text = io.StringIO()
+    text, names = io.StringIO(), [f"signal{k}" for k in range(width)]
     writer = csv.writer(text, delimiter=separator, quoting=csv.QUOTE_ALL if quote else csv.QUOTE_MINIMAL)
-    names = [f"signal{k}" for k in range(width)]
-    if header:
-        writer.writerow(names)
-        if units:
-            writer.writerow(["V"] * width)
-    for row in values:
-        writer.writerow([f"{value:.{digits}f}".replace(".", decimal) for value in row])
+    writer.writerows([names] * header + [["V"] * width] * (header and units))
+    writer.writerows([f"{value:.{digits}f}".replace(".", decimal) for value in row] for row in values)
     found = layout_of(text.getvalue().splitlines(keepends=True))
-    assert found is not None
     assert (found.dialect.separator, found.dialect.decimal, len(found.columns)) == (separator, decimal, width)
     assert found.start == header + (header and units)
     assert [column.name for column in found.columns] == (names if header else [f"column {k + 1}" for k in range(width)])
@@ -291,26 +282,32 @@ def test_any_dialect_is_detected(
 
 @pytest.mark.parametrize("stated", ["10,000 Hz", "10 000 Hz", "10'000 Hz", "10 kHz", "1e4", "10000.0 Hz"])
 def test_a_stated_rate_may_have_its_thousands_apart_and_is_named(tmp_path: Path, stated: str) -> None:
-    path = text_file(tmp_path, f"# Sampling rate: {stated}\nvoltage_V,height_um\n{rows('{x},{y}')}")
-    found = Recording.open(path)
+    found = Recording.open(text_file(tmp_path, f"# Sampling rate: {stated}\nvoltage_V,height_um\n{rows('{x},{y}')}"))
     assert found.sample_time == 1e-4
     assert "which states the sampling period; " in found.describe()
 
 
 @pytest.mark.parametrize(
-    "stated", ["# Sampling rate: 10,5 Hz", "# dt: 2026-11-28", "# dt: 28.11.2026", "# dt: 1 ms\n# fs: 100 Hz"]
+    ("stated", "period", "sentence"),
+    [
+        *(
+            (stated, 0.002, "cannot tell which column is the time")
+            for stated in (
+                "# Sampling rate: 10,5 Hz",
+                "# dt: 2026-11-28",
+                "# dt: 28.11.2026",
+                "# dt: 1 ms\n# fs: 100 Hz",
+            )
+        ),
+        ("# dt: 2026", 2026.0, "its header has one sample every 2026 s; is a decimal mark missing"),
+    ],
 )
-def test_a_statement_that_is_no_period_is_not_taken_and_is_no_matter_beside_times(tmp_path: Path, stated: str) -> None:
+def test_a_statement_that_is_no_period_or_one_of_minutes_is_not_taken_and_is_no_matter_beside_times(
+    tmp_path: Path, stated: str, period: float, sentence: str
+) -> None:
     path = text_file(tmp_path, f"{stated}\nvoltage_V,height_um\n{rows('{x},{y}')}")
-    with pytest.raises(RecordingError, match="cannot tell which column is the time"):
+    with pytest.raises(RecordingError, match=sentence):
         Recording.open(path)
-    assert Recording.open(path, sample_time=0.002).sample_time == 0.002
+    assert Recording.open(path, sample_time=period).sample_time == period
     path = text_file(tmp_path, f"{stated}\ntime_s,voltage_V,height_um\n{rows('{t},{x},{y}')}")
     assert Recording.open(path).length > 100
-
-
-def test_a_stated_period_of_minutes_is_questioned_like_that_of_a_clock(tmp_path: Path) -> None:
-    path = text_file(tmp_path, f"# dt: 2026\nvoltage_V,height_um\n{rows('{x},{y}')}")
-    with pytest.raises(RecordingError, match="its header has one sample every 2026 s; is a decimal mark missing"):
-        Recording.open(path)
-    assert Recording.open(path, sample_time=2026.0).sample_time == 2026.0
