@@ -186,9 +186,11 @@ TARGETS = {*re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), flags=re.
 def test_the_python_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     documents.lay_out(tmp_path)
-    (block,) = [block for block in documents.blocks(README) if block.language == "python"]
-    names: dict[str, object] = {}
-    exec(compile(block.text, "README.md", "exec"), names)
+    (text,), names = (
+        [block.text for block in documents.blocks(README) if block.language == "python"],
+        dict[str, object](),
+    )
+    exec(compile(text, "README.md", "exec"), names)
     assert np.all(np.isfinite(names["drive"]))
 
 
@@ -201,10 +203,9 @@ def test_the_commands_from_a_recording_to_a_controller_work_as_printed(tmp_path:
         if words[1] not in ("realtime", "experiment", "live"):  # half a minute each, and run by tests of their own
             output = documents.call(words, tmp_path, piezobench)
             assert words[1] != "deploy" or "Model: from model.json." in output
-    assert (tmp_path / "stage.html").is_file()
     assert (tmp_path / "drive.csv").read_text().startswith("time_s,drive_V")
-    assert (tmp_path / "controller" / "Makefile").is_file()
-    assert (tmp_path / "stage.fmu").is_file()
+    for made in ("stage.html", "controller/Makefile", "stage.fmu"):
+        assert (tmp_path / made).is_file(), made
 
 
 OF_OTHERS = {"--depth", "--help", "--hypothesis-profile", "--package", "--quick", "--situations", "--tosses"}

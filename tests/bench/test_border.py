@@ -25,6 +25,7 @@ from hostile_files import (
     spoiled_tables,
 )
 from pyarrow import parquet
+from recording_files import text_file
 from small_races import Race
 
 from bench.deploy.deployment import Deployment
@@ -90,14 +91,13 @@ def use_model(path: Path) -> None:
 def test_a_damaged_file_of_ours_is_refused_in_a_sentence_that_names_it(
     tmp_path: Path, write: Callable[[Path], None], use: Callable[[Path], Any]
 ) -> None:
-    path = tmp_path / "it.json"
+    path, sentences = tmp_path / "it.json", set[str]()
     write(path)
     use(path)
-    refused = 0
     for what, text in spoiled_documents(json.loads(path.read_text())):
         path.write_bytes(signed(text))
-        refused += bool(refusal(what, path, use, path, ModelError))
-    assert refused > 100
+        sentences.add(f"{what}: {refusal(what, path, use, path, ModelError)}")
+    assert sum(str(path) in sentence for sentence in sentences) > 100
 
 
 def refusal(what: str, path: Path, use: Callable[[Any], Any], given: Any, refused: type[ValueError]) -> str:
@@ -250,12 +250,10 @@ def test_every_verb_that_reads_a_damaged_run_refuses_it_and_writes_nothing(
 
 def test_a_program_whose_headers_are_damaged_is_refused(tmp_path: Path) -> None:
     for spoilt in (b"\x00" * 20, b"{'descr': (((((((((((", b"{'shape': (10**18,)", b"'''"):
-        path = tmp_path / "p.npz"
-        data = b"\x93NUMPY\x01\x00v\x00" + spoilt.ljust(117) + b"\n"
-        with zipfile.ZipFile(path, "w") as archive:
-            archive.writestr("meta.npy", data)
+        with zipfile.ZipFile(tmp_path / "p.npz", "w") as archive:
+            archive.writestr("meta.npy", b"\x93NUMPY\x01\x00v\x00" + spoilt.ljust(117) + b"\n")
         with pytest.raises(ProblemFileError, match=r"p\.npz: cannot be read as NPZ"):
-            RaceProblem.load(path)
+            RaceProblem.load(tmp_path / "p.npz")
 
 
 def test_no_text_of_a_run_is_evaluated_in_a_comparison_or_a_decision(
@@ -311,8 +309,7 @@ def test_a_run_that_names_a_python_file_is_continued_only_with_that_file(
 def test_no_verb_for_a_finished_run_executes_the_python_files_that_it_names(
     piezobench: CommandLine, clean_race: Race, run: Run, tmp_path: Path
 ) -> None:
-    (tmp_path / "mine.py").write_text(HARM)
-    file = str(tmp_path / "mine.py")
+    file = str(text_file(tmp_path, HARM, name="mine.py"))
     named = {"solver_files": [file], "problem_sets": ["paper", "test_set"], "set_options": {"test_set": file}}
     run.note(settings={**run.settings["settings"], **named})
     for words in (
@@ -329,13 +326,12 @@ def test_no_verb_for_a_finished_run_executes_the_python_files_that_it_names(
 def test_a_run_that_names_a_test_set_is_continued_only_with_its_file(
     piezobench: CommandLine, clean_race: Race, tmp_path: Path
 ) -> None:
-    (tmp_path / "mine.py").write_text(HARM)
-    options = {"problem_sets": ["test_set"], "set_options": {"test_set": str(tmp_path / "mine.py")}}
+    file = text_file(tmp_path, HARM, name="mine.py")
+    options = {"problem_sets": ["test_set"], "set_options": {"test_set": str(file)}}
     run = clean_race.unfinished(tmp_path / "run", **options)
-    refusal = piezobench("resume", run.path).refusal
-    assert f"names the Python file {tmp_path / 'mine.py'}, whose code would run" in refusal
+    assert f"names the Python file {file}, whose code would run" in piezobench("resume", run.path).refusal
     assert not (tmp_path / "HARMED").exists()
-    assert "'Mine' object is not iterable" in piezobench("resume", run.path, "--test-set", tmp_path / "mine.py").refusal
+    assert "'Mine' object is not iterable" in piezobench("resume", run.path, "--test-set", file).refusal
 
 
 @pytest.mark.parametrize("link", ["figures", "parts", "problems", "models"])

@@ -90,25 +90,27 @@ def test_the_sentences_state_the_optimum_and_the_judgement_of_an_answer(
     assert "breaks the constraints by 0.25 at most; the feasible point nearest to it costs 0.625 more" in said
 
 
+GREATEST = """NAME
+OBJSENSE
+ MAX
+ROWS
+ N C
+COLUMNS
+ X C 4.0
+RHS
+ RHS C -3.0
+BOUNDS
+ UP B X 9.0
+QUADOBJ
+ X X -2.0
+ENDATA
+"""
+
+
 def test_the_greatest_value_of_an_objective_that_is_maximised_is_stated_as_in_the_list_of_problems(
     piezobench: CommandLine, tmp_path: Path
 ) -> None:
-    lines = [
-        "NAME",
-        "OBJSENSE",
-        " MAX",
-        "ROWS",
-        " N C",
-        "COLUMNS",
-        " X C 4.0",
-        "RHS",
-        " RHS C -3.0",
-        "BOUNDS",
-        " UP B X 9.0",
-        "QUADOBJ",
-        " X X -2.0",
-    ]
-    (tmp_path / "greatest.qps").write_text("\n".join([*lines, "ENDATA"]))
+    (tmp_path / "greatest.qps").write_text(GREATEST)
     said = piezobench("certify", tmp_path / "greatest.qps").stdout
     assert "its greatest value is 7.0. The least cost of its negative is -7.0, exactly -7; this is proved" in said
     assert json.loads(piezobench("certify", tmp_path / "greatest.qps", "--json").stdout)["objective"]["value"] == "7"

@@ -173,11 +173,10 @@ def slowed_races(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFacto
 def test_a_solver_that_waits_is_found_between_two_races_and_no_other_and_repeats_are_one_task(
     piezobench: CommandLine, slowed_races: tuple[Path, Path], tmp_path: Path
 ) -> None:
-    before, after = slowed_races
-    call = piezobench("compare", before, after, "--out", tmp_path / "c", "--fail-on", "regression")
+    call = piezobench("compare", *slowed_races, "--out", tmp_path / "c", "--fail-on", "regression")
     assert call.status == 3, call.stdout
     assert re.search(r"^slowed +direct +2 .* [1-4]\.\d\d +slower$", call.stdout, re.MULTILINE)
-    found = compared(Run.open(before), Run.open(after))
+    found = compared(*map(Run.open, slowed_races))
     told = found.times[found.times.finding.isin([SLOWER, FASTER])]
     assert told[["solver", "lane"]].to_numpy().tolist() == [["slowed", "direct"]]
     assert (found.times.problems <= 6).all()  # repeats of a measurement are one task
@@ -210,12 +209,15 @@ def test_if_all_solvers_are_slower_and_the_fixed_piece_of_work_is_not_the_compar
 def test_a_solver_that_raced_alone_is_not_taken_for_the_machine_and_cannot_be_compared(
     piezobench: CommandLine, wide_race: Race, tmp_path: Path
 ) -> None:
-    def alone(rows: pd.DataFrame) -> pd.DataFrame:
-        return rows[of_solver(rows) | (rows.solver == "null")]
-
-    before = wide_race.copied(tmp_path / "before", alone)
-    after = wide_race.copied(tmp_path / "after", alone, slowed(wide_race, 1.2))
-    call = piezobench("compare", before.path, after.path, "--out", tmp_path / "c", "--fail-on", "regression")
+    runs = [
+        wide_race.copied(
+            tmp_path / str(factor),
+            lambda rows: rows[of_solver(rows) | (rows.solver == "null")],
+            slowed(wide_race, factor),
+        ).path
+        for factor in (1.0, 1.2)
+    ]
+    call = piezobench("compare", *runs, "--out", tmp_path / "c", "--fail-on", "regression")
     assert call.status == 4, call.stdout
     assert (
         "In 1 of 1 solver lane a change by a factor of 1.2 may have gone unseen: too few lanes race to tell a "
@@ -235,15 +237,13 @@ def test_a_lane_with_too_few_times_cannot_be_compared(wide_race: Race, tmp_path:
 
 
 def test_settings_that_one_of_the_runs_did_not_run_are_not_compared(wide_race: Race, tmp_path: Path) -> None:
-    def ended(rows: pd.DataFrame) -> pd.DataFrame:
-        rows.loc[of_solver(rows) & (rows.rung > 1), ["status", "cost_gap"]] = [str(Status.NOT_RUN), np.nan]
-        return rows
-
-    found = compared(wide_race.run, wide_race.copied(tmp_path / "ended", ended))
+    rows = wide_race.rows.copy()
+    ended = of_solver(rows) & (rows.rung > 1)
+    rows.loc[ended, ["status", "cost_gap"]] = [str(Status.NOT_RUN), np.nan]
+    found = compared(wide_race.run, wide_race.copied(tmp_path / "ended", lambda _: rows))
     assert found.regressions == 0
-    only, none = found.alone
-    assert len(only) == (of_solver(wide_race.rows) & (wide_race.rows.rung > 1)).sum() > 0
-    assert none.empty
+    assert [len(alone) for alone in found.alone] == [ended.sum(), 0]
+    assert ended.any()
 
 
 def test_different_settings_and_machines_come_first_and_all_fits_on_a_screen(

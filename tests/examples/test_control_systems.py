@@ -43,11 +43,10 @@ def test_inverse_and_model_in_series_are_the_identity(case: Case) -> None:
 
 
 def test_a_compensator_keeps_its_limits_and_is_only_read() -> None:
-    model = a_model()
-    compensator = Compensator(model, x_limits=(20.0, 120.0), rate_limit=3e4)
-    before = compensator.get_state()
-    y_ref = 22.0 * np.sin(np.arange(400) / 15.0)
-    found = response(compensator_system(compensator), y_ref, initial_states(model.structure, compensator.state))
+    compensator = Compensator(a_model(), x_limits=(20.0, 120.0), rate_limit=3e4)
+    before, y_ref = compensator.get_state(), 22.0 * np.sin(np.arange(400) / 15.0)
+    z = initial_states(compensator.model.structure, compensator.state)
+    found = response(compensator_system(compensator), y_ref, z)
     np.testing.assert_array_equal(compensator.state.play, before["play"])
     np.testing.assert_array_equal(found, compensator.run(y_ref))
     assert (found.min(), found.max()) == pytest.approx((20.0, 120.0), abs=1e-13)

@@ -21,12 +21,11 @@ T = 1e-3
 def test_a_seed_is_a_situation_in_which_the_reference_can_be_reached(seed: int) -> None:
     situation, again = (Situation.draw(seed, 12.0, T) for _ in range(2))
     assert (situation.plant, situation.actuator_options) == (again.plant, again.actuator_options)
-    np.testing.assert_array_equal(situation.y_ref, again.y_ref)
-    sensor, low_high = situation.sensor(), situation.x_limits
-    y = sensor.run(np.interp(np.arange(4000), (0, 2000, 4000), (*low_high, low_high[0])))
-    np.testing.assert_array_equal(
-        again.sensor().run(np.interp(np.arange(4000), (0, 2000, 4000), (*low_high, low_high[0]))), y
-    )
+    low, high = situation.x_limits
+    x = np.interp(np.arange(4000), (0, 2000, 4000), (low, high, low))
+    y = situation.sensor().run(x)
+    for one, same in ((situation.y_ref, again.y_ref), (y, again.sensor().run(x))):
+        np.testing.assert_array_equal(one, same)
     assert np.nanmin(y) < situation.y_ref.min() + 0.02 * np.ptp(y[np.isfinite(y)])
     assert np.nanmax(y) > situation.y_ref.max()
     assert situation.structure().d == 19

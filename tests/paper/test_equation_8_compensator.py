@@ -12,17 +12,13 @@ from piezo_model.operators import dead_zone
 
 
 @given(cases())
-def test_the_inverse_of_the_inverse_of_the_hysteresis_is_the_hysteresis(case: Case) -> None:
-    w, r = case.model.w_H, case.structure.thresholds
-    for found, expected in zip(invert_play(*invert_play(w, r)), (w, r), strict=True):
-        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-13)
-
-
-@given(cases())
-def test_the_inverse_of_the_inverse_of_the_superposition_is_the_superposition(case: Case) -> None:
-    w, r = case.model.w_S_inverse, np.array(case.structure.dead_zone_thresholds)
-    for found, expected in zip(invert_superposition(*invert_superposition(w, r)), (w, r), strict=True):
-        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-13)
+def test_the_inverse_of_the_inverse_of_hysteresis_and_of_superposition_is_the_operator_itself(case: Case) -> None:
+    for invert, w, r in (
+        (invert_play, case.model.w_H, case.structure.thresholds),
+        (invert_superposition, case.model.w_S_inverse, np.array(case.structure.dead_zone_thresholds)),
+    ):
+        for found, expected in zip(invert(*invert(w, r)), (w, r), strict=True):
+            np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-13)
 
 
 @given(cases())

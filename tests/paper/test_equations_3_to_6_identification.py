@@ -95,9 +95,8 @@ def test_slopes_are_the_derivative_of_the_inverse_superposition_between_threshol
     middles = np.concatenate([[r[0] - 0.1], 0.5 * (r[1:] + r[:-1]), [r[-1] + 0.1]])
     low, high = np.where(r > 0, -np.inf, r), np.where(r < 0, np.inf, r)
     inside = (middles[:, None] < low) | (middles[:, None] > high)
-    derivative = inside @ model.w_S_inverse
     expected = np.insert(model.slopes, s.middle, model.slopes[s.middle])  # the slope at zero holds on both sides of it
-    np.testing.assert_allclose(derivative, expected, rtol=1e-12)
+    np.testing.assert_allclose(inside @ model.w_S_inverse, expected, rtol=1e-12)
 
 
 @settings(max_examples=40)
@@ -148,7 +147,6 @@ def test_the_weights_of_a_model_in_the_class_are_recovered(offset: bool, rates: 
     model = identify(x, truth.simulate(x, state), s, state=state, proximal=1e-14)
     np.testing.assert_allclose(model.weights, truth.weights, rtol=0, atol=1e-7)
     assert model.report["fit"]["skipped"] == 0
-    assert model.report["certificate"]["cost_gap"] < 1e-9
-    assert model.report["lag"]["samples"] < 1e-9
-    assert any("shows no significant lag" in sentence for sentence in model.report["sentences"])
+    assert max(model.report["certificate"]["cost_gap"], model.report["lag"]["samples"]) < 1e-9
+    assert "shows no significant lag" in " ".join(model.report["sentences"])
     assert identify(x, truth.simulate(x, state), s, state=state).report["fit"]["max_percent"] < 1e-4

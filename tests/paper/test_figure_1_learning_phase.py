@@ -53,8 +53,8 @@ def test_a_solver_of_steps_takes_one_a_sample_and_comes_to_the_exact_answer() ->
 def test_the_steps_are_those_of_the_difference_equation() -> None:
     learner = learning("projected_difference", 0.3)
     core = learner._core
-    d = core["q"].size
-    P, q, lower, z = core["P"].reshape(d, d), core["q"].copy(), core["lower"].copy(), core["start"].copy()
+    q, lower, z = (core[name].copy() for name in ("q", "lower", "start"))
+    P = core["P"].reshape(q.size, q.size)
     solver = solvers.get("projected_difference", steps=0)
     solver.setup(Problem(P, q, lb=lower))
     solver.solve()

@@ -78,8 +78,7 @@ def test_every_figure_exists_as_svg_and_numbers_and_the_verdict_is_said_and_in_t
 
 
 def test_the_decoupling_is_found_from_recordings_of_the_hysteretic_stage() -> None:
-    leak = stage.Setup().decoupling @ stage.COUPLING
-    np.testing.assert_allclose(leak, np.eye(2), atol=1e-4)
+    np.testing.assert_allclose(stage.Setup().decoupling @ stage.COUPLING, np.eye(2), atol=1e-4)
 
 
 def test_an_axis_in_push_pull_is_at_rest_and_point_symmetric_unlike_one_actuator() -> None:
@@ -88,12 +87,11 @@ def test_an_axis_in_push_pull_is_at_rest_and_point_symmetric_unlike_one_actuator
     assert np.ptp(pair.run(np.zeros(3000))) < 1e-6
     swing = 75.0 - 75.0 * np.cos(2.0 * np.pi * np.arange(4000) / 1000)
 
-    def asymmetry(axis: Any) -> float:
-        p = axis.run(swing)[-1000:]
-        return float(np.abs(p + np.roll(p, 500)).max() / np.ptp(p))
-
-    assert asymmetry(single) > 0.05
-    assert asymmetry(pair) < 1e-3
+    of_single, of_pair = (
+        np.abs(p + np.roll(p, 500)).max() / np.ptp(p) for p in (axis.run(swing)[-1000:] for axis in (single, pair))
+    )
+    assert of_single > 0.05
+    assert of_pair < 1e-3
 
 
 @pytest.mark.slow

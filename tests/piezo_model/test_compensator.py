@@ -3,6 +3,7 @@ integral action beside it."""
 
 import math
 from dataclasses import replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -51,14 +52,13 @@ def test_the_states_are_those_of_the_actuator_that_saw_the_limited_drive(case: C
 @settings(max_examples=20)
 @given(case=cases(), where=st.integers(0, 39))
 def test_a_reference_that_is_not_finite_holds_the_drive(bad: float, case: Case, where: int) -> None:
-    y_ref = case.reference(40)
-    y_ref[where] = bad
+    others = np.arange(40) != where
+    y_ref = np.where(others, case.reference(40), bad)
     x = Compensator(case.model, FREE, state=case.state).run(y_ref)
     before = x[where - 1] if where else case.structure.x_centre + case.structure.x_scale * case.state.play[0]
     assert np.all(np.isfinite(x))
     assert x[where] == pytest.approx(before, rel=0, abs=case.x_tolerance)
     y = case.model.simulate(x, case.state)
-    others = np.arange(40) != where
     np.testing.assert_allclose(y[others], y_ref[others], rtol=0, atol=case.y_tolerance)
 
 
@@ -164,18 +164,18 @@ SMALL = ModelStructure.equidistant(n=1, m=0, x_range=(-1, 1), y_range=(-1, 1), c
 
 def test_a_change_of_model_leaves_no_bump_and_fades_into_the_new_one() -> None:
     old, new = (HysteresisCreepModel.from_weights(SMALL, w) for w in ([0.5, 1.5], [0.2, 1.0]))
-    y_ref = np.concatenate([np.sin(np.arange(50) / 10), np.full(200, 0.3)])
-    changed, unchanged, jumped = (Compensator(old, (-1.0, 1.0)) for _ in range(3))
-    for c in (changed, unchanged, jumped):
-        c.run(y_ref[:60])
-    changed.change_model(new, blend_time_s=5e-3)
-    jumped.change_model(new)
-    x, before, after = changed.run(y_ref[60:]), unchanged.run(y_ref[60:]), jumped.run(y_ref[60:])
+    y_ref, drives = np.concatenate([np.sin(np.arange(50) / 10), np.full(200, 0.3)]), []
+    for model, blend_time_s in ((old, 0.0), (new, 0.0), (new, 5e-3)):
+        compensator = Compensator(old, (-1.0, 1.0))
+        compensator.run(y_ref[:60])
+        compensator.change_model(model, blend_time_s=blend_time_s)
+        drives.append(compensator.run(y_ref[60:]))
+    before, after, x = drives
     assert abs(before[0] - after[0]) > 0.05
     assert x[0] == pytest.approx(before[0], abs=1e-12)
     assert abs(x[5] - after[5]) == pytest.approx(abs(x[0] - after[0]) / math.e, rel=0.2)
-    assert abs(changed.drive[BUMP]) < 1e-15
-    assert changed.model is new
+    assert abs(compensator.drive[BUMP]) < 1e-15
+    assert compensator.model is new
 
 
 def test_an_unreachable_reference_leaves_no_bump_behind_when_the_model_changes() -> None:
@@ -265,13 +265,8 @@ def test_a_learner_suppresses_an_unmodelled_disturbance_and_replays_to_the_last_
     added = 0.3 * np.sin(np.arange(y_ref.size) * 2.0 * np.pi * T)
     errors = []
     for gain in (0.0, GAIN / T):
-        plant, learner, done = sensor(), learner_for(sensor(), mode, integral_gain=gain), [0]
-
-        def moved(x: np.ndarray, plant=plant, done=done) -> np.ndarray:  # type: ignore[no-untyped-def]
-            done[0] += x.size
-            return plant.run(x) + added[done[0] - x.size : done[0]]
-
-        x, y = learner.run(y_ref, moved)
+        plant, learner, rest = sensor(), learner_for(sensor(), mode, integral_gain=gain), iter(added)
+        x, y = learner.run(y_ref, lambda x, plant=plant, rest=rest: np.add(plant.run(x), [*islice(rest, x.size)]))
         errors.append(float(np.sqrt(np.mean((y - y_ref)[-5000:] ** 2))))
     assert errors[1] < 0.2 * errors[0]
     replayed = learner_for(sensor(), mode, integral_gain=GAIN / T).replay(y_ref, np.append(np.nan, y[:-1]))

@@ -134,8 +134,7 @@ def test_the_largest_gain_of_integral_action_is_that_from_which_on_the_loop_does
             )
         stage, y = g.stream(T, -5.0), np.empty(17_000)
         for k in range(y.size):
-            x = compensator.step(1e-6 * (k > 0) - 5.0)
-            y[k] = stage(np.array([40.0 * x / 150.0 - 20.0]))[0]
+            y[k] = stage(np.array([40.0 * compensator.step(1e-6 * (k > 0) - 5.0) / 150.0 - 20.0]))[0]
             compensator.correct(float(y[k]))
         return 1e6 * float(np.ptp(y[-2000:]))
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from box_programs import INF, spectrum_matrix
+from box_programs import INF, random_program
 from command_line import python
 from programs import ALL, solver_class
 
@@ -292,9 +292,9 @@ def refuse_copies(solver: solvers.Solver) -> None:
 
 
 def test_the_default_race_is_of_these_21_solvers_in_46_lanes() -> None:
-    extras = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
-    of_make = [*extras["dependencies"], *extras["optional-dependencies"]["field"]]
-    of_make += ["piezobench", *extras["optional-dependencies"]["copyleft"]]
+    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"]
+    of_make = ["piezobench", *project["dependencies"], *extras["field"], *extras["copyleft"]]
     installed = {re.match(r"[\w-]+", words)[0] for words in of_make}
     race = {(entry.lane, entry.name) for entry in available() if entry.load().distribution in installed}
     named = {(Lane(lane), name) for lane, names in DEFAULT_RACE.items() for name in names.split()}
@@ -405,9 +405,8 @@ def test_data_may_come_in_any_form_that_numpy_takes(form: str) -> None:
 
 @each_of_ours
 def test_many_updates_and_solves_allocate_nothing_that_stays(name: str) -> None:
-    rng = np.random.default_rng(10)
-    solver = ready(name, Problem(spectrum_matrix(rng, 18, 2.0), rng.normal(size=18), lb=np.zeros(18)))
-    q = rng.normal(size=18)
+    P, q, *_ = random_program(10, 18, 2.0)
+    solver = ready(name, Problem(P, q, lb=np.zeros(18)))
     tracemalloc.start()
     for calls in (10, 500):  # the first ten may fill caches
         before = tracemalloc.get_traced_memory()[0]

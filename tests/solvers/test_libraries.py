@@ -19,7 +19,7 @@ from scipy.sparse import csc_matrix, csr_matrix
 
 import solvers
 from solvers import Lane, Problem, Unsupported, cvxpy_lane, qpsolvers_lane
-from solvers.cvxpy_lane import CvxpySolver, square_root
+from solvers.cvxpy_lane import square_root
 from solvers.registry import FAMILIES
 
 
@@ -284,8 +284,7 @@ def test_rows_that_contradict_each_other_are_never_called_found(lane: Lane, name
     eye = np.eye(3)
     rows = {"G": np.vstack([eye[:1], -eye[:1]]), "h": np.array([-1.0, -1.0])}  # no x is at most −1 and at least 1
     solver = ready(lane, name, Problem(eye, np.ones(3), **rows, lb=np.full(3, -5.0)))
-    x = solver.solve()
-    solution = solver.solution()
+    x, solution = solver.solve(), solver.solution()
     assert solution.found is False
     assert solution.extras["status"]
     np.testing.assert_array_equal(x, np.full(x.shape, np.nan) if solution.x is None else solution.x)
@@ -406,16 +405,15 @@ def test_an_unknown_solver_imports_no_cvxpy_and_a_library_that_does_not_load_is_
 
 
 def test_cvxpy_compiles_the_problem_once_since_it_is_dpp_and_reports_the_time_of_the_library() -> None:
-    problem = pair("rows", 6)
-    solver = ready(Lane.CVXPY, "clarabel", problem.problems[0])
-    assert isinstance(solver, CvxpySolver)
+    first, second = pair("rows", 6).problems
+    solver = ready(Lane.CVXPY, "clarabel", first)
     assert solver.model.is_dcp(dpp=True)
     compiled = solver.model._cache.param_prog
     assert compiled is not None
-    solver.solve()
-    solver.update(problem.problems[1].P, problem.problems[1].q)
-    solver.solve()
-    assert solver.model._cache.param_prog is compiled
+    for given in (first, second):
+        solver.update(given.P, given.q)
+        solver.solve()
+        assert solver.model._cache.param_prog is compiled
     assert 0.0 < solver.solution().extras["reported_us"] < 1e8
 
 
