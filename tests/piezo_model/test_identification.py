@@ -68,12 +68,10 @@ def test_noise_of_the_sensor_biases_the_papers_weights_and_not_those_of_the_smal
     s, x = structure(creep_rates=()), a_drive(20_000)
     true = true_model(s).simulate(x, OperatorState.settled_at(s, x[0]))
     y = true + noise * np.ptp(true) * np.random.default_rng(0).normal(size=x.size)
-    errors = {}
-    for estimator in ("forward", "error-model"):
-        model = identify(x, y, s, estimator=estimator, lag="ignore")
-        errors[estimator] = 100 * float(np.std(model.simulate(x) - true)) / np.ptp(true)
-        assert model.report["hysteresis"]
-    assert errors["forward"] < min(5.0 * noise, 0.5 * errors["error-model"])
+    models = [identify(x, y, s, estimator=estimator, lag="ignore") for estimator in ("forward", "error-model")]
+    forward, biased = (100 * np.std(model.simulate(x) - true) / np.ptp(true) for model in models)
+    assert forward < min(5.0 * noise, 0.5 * biased)
+    assert all(model.report["hysteresis"] for model in models)
 
 
 def test_the_offset_is_identified_and_reported() -> None:
@@ -140,16 +138,12 @@ def test_a_lag_is_identified_after_a_rest_longer_than_the_samples_for_it(monkeyp
 def test_a_drive_that_moves_at_one_end_alone_gives_a_model_without_a_lag(
     moving: int, at_the_end: bool, force: bool
 ) -> None:
-    x = np.zeros(3000)
-    x[:moving] = np.linspace(100.0, 50.0, moving)
+    s, x = structure(creep_rates=()), np.r_[np.linspace(100.0, 50.0, moving), np.zeros(3000 - moving)]
     x = x[::-1].copy() if at_the_end else x
-    s = structure(creep_rates=())
-    model = identify(
-        x, true_model(s).simulate(x) + 0.001 * np.random.default_rng(0).standard_normal(x.size), s, force=force
-    )
-    assert model.report["lag"]["samples"] == pytest.approx(0.0, abs=0.01)
-    assert not model.report["lag"]["is_significant"]
-    assert model.report["fit"]["max_percent"] < 5.0
+    y = true_model(s).simulate(x) + 0.001 * np.random.default_rng(0).standard_normal(x.size)
+    report = identify(x, y, s, force=force).report
+    assert (report["lag"]["samples"], report["lag"]["is_significant"]) == (pytest.approx(0.0, abs=0.01), False)
+    assert report["fit"]["max_percent"] < 5.0
 
 
 # The real recording.
@@ -212,15 +206,14 @@ def test_missing_outputs_are_left_out_of_the_fit_and_counted_in_the_sentence(mis
     gaps = Recording.from_arrays(x, y, s.sample_time)
     assert f"; {len(missing)} of them not counted" in gaps.describe()
     model = identify(gaps, structure=s, lag=lag)
-    fit = model.report["fit"]
-    assert fit["samples"] + fit["missing"] == whole.report["fit"]["samples"] + whole.report["fit"]["missing"]
+    fit, of_all, found = model.report["fit"], whole.report["fit"], model.validate(gaps)
+    assert fit["samples"] + fit["missing"] == of_all["samples"] + of_all["missing"]
     assert fit["missing"] == len(missing)
-    assert (f"samples ({fit['missing']} not counted);" in model.report["headline"]) == (fit["missing"] > 0)
-    assert fit["rms"] == pytest.approx(whole.report["fit"]["rms"], rel=0.05)
-    assert np.abs(model.simulate(x) - whole.simulate(x)).max() < 0.05
-    found = model.validate(gaps)
+    assert f"samples ({fit['missing']} not counted);" in model.report["headline"]
     assert ("not counted" in next(found.sentences())) == (found.fit.missing > 0)
+    assert fit["rms"] == pytest.approx(of_all["rms"], rel=0.05)
     assert found.fit.rms == pytest.approx(fit["rms"], rel=0.05)
+    assert np.abs(model.simulate(x) - whole.simulate(x)).max() < 0.05
 
 
 # Refusals.

@@ -110,15 +110,14 @@ def test_while_the_output_falls_the_straight_line_drives_and_the_log_says_so_onc
 def test_a_descending_range_learns_a_falling_output_as_an_ascending_one_a_rising_output(
     name: str, mode: str, solver: str
 ) -> None:
-    y_ref, errors = wanted(name, SINE), []
-    low, high = plants.get(name, sample_time=T).y_range
+    errors = []
     for gain in (1.0, -1.0):
-        learner = learner_of(structure_of(name, negative_gain=gain < 0.0), mode, solver)
-        reference = 0.5 * (low + high) + gain * (y_ref - 0.5 * (low + high))
+        learner, reference = learner_of(structure_of(name, gain < 0.0), mode, solver), wanted(name, gain * SINE)
         _, y = learner.run(reference, measured(name, gain, noise=0.0))
         assert learner.counts["hand_overs"] > 0
         assert (learner.counts["reversed"], said(learner)) == (0, [])
         errors.append((y - reference)[-1000:])
+    low, high = plants.get(name).y_range
     np.testing.assert_allclose(errors[1], -errors[0], atol=1e-6 * (high - low))
 
 
@@ -221,42 +220,30 @@ def test_an_output_beyond_its_range_counts_in_a_piece_without_a_fault_only() -> 
     assert driven.observe((-1.0, 1.0, -1.0, 1.0), WIDE) is not None
 
 
+def stretched(factor: float) -> ModelStructure:
+    """The structure of an actuator whose ranges were given too wide by a factor."""
+    true = structure_for(sensor())
+    return replace(true, x_scale=factor * true.x_scale, y_scale=factor * true.y_scale)
+
+
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("mode", ["cyclic", "continuous"])
 @pytest.mark.parametrize("guess", [0.5, 3.0])
 def test_ranges_given_half_or_three_times_as_wide_are_mended(mode: str, guess: float) -> None:
     errors = []
     for factor in (1.0, guess):
-        one = sensor()
-        true = structure_for(one)
-        s = replace(true, x_scale=factor * true.x_scale, y_scale=factor * true.y_scale)
-        state = OperatorState.settled_at(s, true.x_range[0], came_from="above")
-        learner = SelfLearningCompensator(
-            s,
-            0.1,
-            4.0,
-            0.5,
-            "box_active_set",
-            one.x_range,
-            mode,
-            hand_over_s=0.02,
-            state=state,  # type: ignore[arg-type]
-            solve_delay_samples=5,
-        )
-        y_ref = steps(one, 90.0)
-        errors.append(error_of(learner, y_ref, one.run, one, slice(-8000, None)))
-        assert learner.structure.x_scale == pytest.approx(true.x_scale, rel=0.2)
+        one, s = sensor(), stretched(factor)
+        state = OperatorState.settled_at(s, one.x_range[0], came_from="above")
+        learner = learner_of(s, mode, x_limits=one.x_range, build_s=4.0, state=state)
+        errors.append(error_of(learner, steps(one, 90.0), one.run, one, slice(-8000, None)))
+        assert learner.structure.x_scale == pytest.approx(stretched(1.0).x_scale, rel=0.2)
     assert errors[1] < 1.5 * errors[0]
 
 
 def test_a_model_that_is_given_keeps_its_thresholds() -> None:
-    one = sensor()
-    s = structure_for(one)
-    wide = replace(s, x_scale=3.0 * s.x_scale, y_scale=3.0 * s.y_scale)
+    one, wide = sensor(), stretched(3.0)
     model = HysteresisCreepModel.from_weights(wide, wide.straight_line)
-    learner = SelfLearningCompensator(
-        wide, 0.1, 1.0, 0.1, "box_active_set", one.x_range, model=model, solve_delay_samples=5
-    )
+    learner = learner_of(wide, "cyclic", x_limits=one.x_range, build_s=1.0, learn_s=0.1, model=model)
     learner.run(steps(one, 8.0), one.run)
     assert learner.structure == wide
     assert learner_for(one).settings.adapt_range

@@ -143,16 +143,14 @@ def test_a_second_after_a_step_creep_has_its_closed_form_at_every_sampling_rate(
     weights = [0.1, 0.1, 0.1, 0.1, 1.0, 0.1, 0.3, 0.2, 0.1, 0.1]
     start = OperatorState.settled_at(s, 0.0)
     model = replace(HysteresisCreepModel.from_weights(s, weights), start=start, sensor_delay_s=0.01)
-    state = model.at(1.0 / rate_Hz).advance(np.full(rate_Hz, 80.0), model.initial_state())[1]
-    r = s.thresholds
+    same, r = model.at(1.0 / rate_Hz), s.thresholds
+    state = same.advance(np.full(rate_Hz, 80.0), model.initial_state())[1]
     expected = np.outer(1.0 - np.exp(-np.array(s.creep_rates)), np.maximum(0.8 - r, 0.0))
     np.testing.assert_allclose(state.creep.reshape(2, -1)[:, : r.size], expected, atol=1e-12)
     np.testing.assert_allclose(state.play[: r.size], 0.8 - r, atol=1e-12)
-    same = model.at(1.0 / rate_Hz)
     np.testing.assert_array_equal(same.weights, model.weights)
     np.testing.assert_array_equal(same.initial_state().creep, start.creep)
-    assert same.report["sample_time_s"] == 5e-3
-    assert same.sensor_delay_s == 0.01
+    assert (same.report["sample_time_s"], same.sensor_delay_s) == (5e-3, 0.01)
 
 
 def test_a_model_is_itself_at_its_own_rate_and_refuses_one_that_does_not_exist(model: HysteresisCreepModel) -> None:

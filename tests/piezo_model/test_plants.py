@@ -193,9 +193,8 @@ def test_hysteresis_without_creep_does_not_know_the_speed(name, turns):
 
 
 def test_preisach_equals_a_plane_of_single_relays():
-    plant = plants.get("relay_preisach", creep_share=0.0, lines=12)
     x = ramp(0.0, 120.0, 30.0, 100.0, 60.0, 150.0, 20.0, 90.0, per_ramp=40)
-    y = plant.run(x)
+    y = plants.get("relay_preisach", creep_share=0.0, lines=12).run(x)
 
     # Relay by relay, without plays: half widths r, centres s, and the density as the slope of the line's distribution.
     r = (np.arange(12)[:, None] + 0.5) / 12
@@ -204,8 +203,7 @@ def test_preisach_equals_a_plane_of_single_relays():
     density = (1.0 + t**2) ** -1.5
     density *= np.exp(-r / 0.45) / density.sum(axis=1, keepdims=True)
     density /= density.sum()
-    up = np.zeros(s.shape, dtype=bool)
-    v = []
+    up, v = np.zeros(s.shape, dtype=bool), []
     for u in x / 75.0 - 1.0:
         up = (up | (u >= s + r)) & ~(u <= s - r)
         v.append(0.73 * u + 0.27 * (density[up].sum() - density[~up].sum()))

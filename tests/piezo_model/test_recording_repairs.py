@@ -135,8 +135,7 @@ def test_a_repair_is_named_with_its_row_and_refused_if_strict(tmp_path: Path, ki
     assert all(f"Note: {remark}." in recording.describe() for remark in recording.remarks)
     assert (recording.sample_time, np.count_nonzero(recording.uncounted)) == (PERIOD, uncounted)
     counted, x, y = ~recording.uncounted, *(np.delete(values, cut) for values in (X, Y))
-    np.testing.assert_allclose(recording.x[counted], x[counted], rtol=1e-6)
-    np.testing.assert_allclose(recording.y[counted], y[counted], rtol=1e-6)
+    np.testing.assert_allclose([recording.x[counted], recording.y[counted]], [x[counted], y[counted]], rtol=1e-6)
     np.testing.assert_allclose(recording.x, x, atol=0.1)  # bad ones are replaced before the operators see them
     with pytest.raises(RecordingError, match="without --strict"):
         opened(tmp_path, text, strict=True)

@@ -125,12 +125,11 @@ def test_the_command_line_makes_one_model_of_several_files(
     for file, one in zip(files, recordings, strict=True):
         t = np.arange(one.length) * one.sample_time
         write_table(file, {"time_s": t, "drive_V": one.x, "output_um": one.y})
-    out, page = tmp_path / "model.json", tmp_path / "page.html"
-    call = piezobench.run("identify", *files, "--out", out)
+    call = piezobench.run("identify", *files, "--out", tmp_path / "model.json")
     assert all(f"{file}: RMS error" in call.stdout for file in files)
-    model = HysteresisCreepModel.load(out)
+    model = HysteresisCreepModel.load(tmp_path / "model.json")
     assert model.structure.sample_time == FAST
     assert model.validate(Recording.open(files[1])).own
-    call = piezobench("identify", *files, "--out", tmp_path / "other.json", "--page", page)
+    call = piezobench("identify", *files, "--out", tmp_path / "other.json", "--page", tmp_path / "page.html")
     assert "--page: is for one recording" in call.refusal.replace("'", "")
     assert sorted(path.suffix for path in tmp_path.iterdir()) == [".csv", ".csv", ".json"]
