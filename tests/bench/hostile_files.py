@@ -54,8 +54,6 @@ TOKENS = (
     f'"{"x" * 10_000}"',
 )
 """JSON values that replace a field."""
-MOST_FIELDS = 20
-"""Largest number of fields of a record; a JSON object with more is a table with a name in each row."""
 WHOLE = {
     "nothing": b"",
     "no JSON": b"time_s,y_um\n0,1\n",
@@ -87,7 +85,8 @@ def places(document: Any, at: tuple[str | int, ...] = ()) -> Iterator[tuple[str 
         if isinstance(document, list)
         else ()
     )
-    for name, value in list(inside)[: 1 if len(inside) > MOST_FIELDS else None]:
+    # A JSON object of more than 20 fields is no record but a table with a name in each row.
+    for name, value in list(inside)[: 1 if len(inside) > 20 else None]:
         yield from places(value, (*at, name))
 
 

@@ -322,8 +322,7 @@ def test_the_common_change_on_a_problem_is_divided_out_and_changes_of_either_sig
 
 
 def test_intervals_are_wider_by_five_normalised_median_absolute_deviations_of_the_lanes() -> None:
-    lanes = quiet()
-    found, field = compare_times(pair(lanes, {"s4": 1.08}), 1.2)
+    found, field = compare_times(pair(quiet(), {"s4": 1.08}), 1.2)
     middle = np.log(found.ratio)
     assert field.deviation["interleaved"] == pytest.approx(
         1.4826 * np.median(np.abs(middle - np.median(middle))), rel=1e-4

@@ -204,8 +204,7 @@ def test_names_with_markup_and_script_are_shown_as_text(browser: Browser, wide_r
         return rows.assign(settings=rows.settings.where(rows.solver != NAME, json.dumps({EVIL: EVIL})))
 
     folder = tmp_path / "<img src=x onerror=document.title='run'>"
-    run = wide_race.copied(folder, evil, machine={"warnings": [EVIL]}, lanes={EVIL: EVIL})
-    browser.open(written(run))
+    browser.open(written(wide_race.copied(folder, evil, machine={"warnings": [EVIL]}, lanes={EVIL: EVIL})))
     assert browser.console() == []
     assert browser.run("return document.title") == f"Race {folder.name}"
     assert browser.run("return document.querySelectorAll('main img, header img').length") == 0

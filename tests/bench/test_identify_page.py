@@ -71,8 +71,7 @@ def recording(x: np.ndarray, y: np.ndarray) -> Recording:
 
 @pytest.mark.usefixtures("output")
 def test_the_page_draws_every_plot_and_shows_names_as_text(browser: Browser, desk: Path) -> None:
-    sections = browser.sections(desk / "stage page.html")
-    assert {"loops", "error", "weights", "spectrum", "orders"} <= {*sections}
+    assert {"loops", "error", "weights", "spectrum", "orders"} <= {*browser.sections(desk / "stage page.html")}
     assert len(browser.plots()) == 6
     assert browser.run("return document.title") == "Recording <u>stage.csv"
     assert browser.run("return document.querySelectorAll('main img, main u, main b').length") == 0

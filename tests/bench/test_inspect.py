@@ -23,8 +23,7 @@ LINES = [
 def test_a_file_is_described_with_its_columns_units_and_roles(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = text_file(tmp_path, "time [s];drive [V];height [um]", *LINES)
-    assert run(["inspect", str(path)]) == 0
+    assert run(["inspect", str(text_file(tmp_path, "time [s];drive [V];height [um]", *LINES))]) == 0
     shown = capsys.readouterr().out
     assert "separated by semicolons, header in row 1; 600 samples over 0.599 s, one every 1 ms by 'time [s]'" in shown
     assert "input 'drive [V]' from 0.0005 to 100 V, output 'height [um]' from -3 to 3 µm" in shown
@@ -145,8 +144,7 @@ def test_the_drive_stays_in_its_range_and_has_its_rate_its_holds_and_a_picture(
     assert read.values.min() == read.values[0] == read.values[-1] == -20.0
     assert 99.0 < read.values.max() <= 100.0
     edges = np.flatnonzero(np.diff(read.values, prepend=np.nan, append=np.nan) != 0.0)
-    longest = np.sort(np.diff(edges))[-2:] * read.sample_time
-    assert longest == pytest.approx(10.0, abs=0.1)
+    assert np.sort(np.diff(edges))[-2:] * read.sample_time == pytest.approx(10.0, abs=0.1)
     assert "two holds of 10 s for creep" in capsys.readouterr().out
     assert "<svg" in page.read_text() or "vega" in page.read_text()
 

@@ -96,11 +96,13 @@ def test_the_stage_excess_is_the_error_of_the_model_beyond_the_optimums_in_units
     assert worse == pytest.approx((np.sqrt(np.mean(error_um**2)) - optimum_um) / unseen.noise_um)
 
 
-NOT_FINITE = [np.where(np.arange(6) == 2, bad, BEST) for bad in (np.nan, np.inf, -np.inf)]
-OTHER_SHAPES = [None, np.zeros(0), np.zeros(5), np.zeros((6, 1)), np.array(np.nan)]
-
-
-@pytest.mark.parametrize("x", [*NOT_FINITE, *OTHER_SHAPES])
+@pytest.mark.parametrize(
+    "x",
+    [
+        *(np.where(np.arange(6) == 2, bad, BEST) for bad in (np.nan, np.inf, -np.inf)),
+        *(None, np.zeros(0), np.zeros(5), np.zeros((6, 1)), np.array(np.nan)),
+    ],
+)
 def test_an_answer_that_cannot_be_measured_is_missed_if_called_found_and_failed_if_not(x: np.ndarray | None) -> None:
     for found, status in ((True, Status.MISSED), (False, Status.SOLVER_FAILED)):
         ours = judged(BOX, "scaled", answered(x, found=found))

@@ -123,8 +123,7 @@ def test_weights_are_not_judged_if_the_optimum_is_not_unique(
 
 def test_snapshots_of_the_drift_follow_each_other_every_quarter_of_a_second(drift: list[RaceProblem]) -> None:
     assert len(drift) == len(make("drift").names()) == len({problem.name for problem in drift})
-    times = [float(problem.name.strip("ts")) for problem in drift]
-    assert np.allclose(np.diff(times), 0.25)
+    assert np.allclose(np.diff([float(problem.name.strip("ts")) for problem in drift]), 0.25)
 
 
 @pytest.mark.parametrize("scaling", SCALINGS)
@@ -305,8 +304,7 @@ def test_measured_actuators_are_raced_by_default_in_all_lanes_and_have_sources_a
     readme = (FOLDER / "README.md").read_text()
     for path in files:
         line = next(line for line in readme.splitlines() if f"`{path.name}`" in line)
-        licence = FOLDER / line.split("[")[1].split("]")[0]
-        assert "MIT License" in licence.read_text()
+        assert "MIT License" in (FOLDER / line.split("[")[1].split("]")[0]).read_text()
 
 
 def test_every_proof_holds_and_other_seeds_use_other_samples(

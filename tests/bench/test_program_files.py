@@ -145,8 +145,7 @@ def test_names_may_contain_blanks_in_fixed_columns(tmp_path: Path) -> None:
         "ENDATA",
     ]
     found = read(qps(tmp_path, "\n".join(lines))).qp
-    numbers = [dense(array).item() for array in (found.q, found.G, found.h, found.P)]
-    assert numbers == [-1.0, 2.0, 3.0, 4.0]
+    assert [dense(array).item() for array in (found.q, found.G, found.h, found.P)] == [-1.0, 2.0, 3.0, 4.0]
 
 
 @pytest.mark.parametrize(

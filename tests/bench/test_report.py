@@ -81,9 +81,6 @@ def test_plain_text_reads_as_it_was_and_holds_no_markup(text: str) -> None:
     assert not re.search(r"[|<>`*\[\]\\~\n]|&(?!#\d+;)", plain)
 
 
-TABLES = [path.relative_to(REFERENCE) for path in (REFERENCE / "summary.csv", *sorted(REFERENCE.glob("figures/*.csv")))]
-
-
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A copy of the run, whose report is written anew."""
@@ -95,8 +92,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def screen(piezobench: CommandLine, run: Path) -> list[str]:
     """The terminal after the report was written."""
-    call = piezobench.quietly("report", Path("results") / run.name, folder=run.parent.parent)
-    return call.stdout.splitlines()
+    return piezobench.quietly("report", Path("results") / run.name, folder=run.parent.parent).stdout.splitlines()
 
 
 @pytest.mark.usefixtures("screen")
@@ -105,7 +101,11 @@ def test_the_committed_report_follows_from_the_committed_measurements_to_the_dig
 
 
 @pytest.mark.usefixtures("screen")
-@pytest.mark.parametrize("table", TABLES, ids=str)
+@pytest.mark.parametrize(
+    "table",
+    [path.relative_to(REFERENCE) for path in (REFERENCE / "summary.csv", *sorted(REFERENCE.glob("figures/*.csv")))],
+    ids=str,
+)
 def test_the_committed_tables_follow_from_the_committed_measurements(run: Path, table: Path) -> None:
     pd.testing.assert_frame_equal(pd.read_csv(run / table), pd.read_csv(REFERENCE / table), rtol=1e-9)
 

@@ -115,8 +115,7 @@ def test_the_model_is_deployed_and_learns_with_its_dynamics_or_with_a_warning(
     deploy = ("deploy", REFERENCE, "--model", desk / "0.json", "--deadline", 1e6, "--out", out, *option)
     live = ("live", desk / "0.json", "--simulate", "relay_preisach", "--rate", 1 / T, "--seconds", 0.2, "--no-page")
     for words in (deploy, (*live, *option)):
-        call = piezobench.run(*words)
-        assert (LEFT_OUT in " ".join(call.stdout.split())) == left_out
+        assert (LEFT_OUT in " ".join(piezobench.run(*words).stdout.split())) == left_out
     model = Deployment.load(out).model
     assert (LEFT_OUT in model.warning) == left_out == (model.dynamics is None)
 

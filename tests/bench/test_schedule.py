@@ -37,8 +37,7 @@ def run_on(clock: Clock, samples: int, service: Callable[[int], int], **options:
     def solve() -> None:
         clock.now += service(len(updated) - 1)
 
-    timeline = follow(samples, updated.append, solve, lambda j: None, clock=clock, sleep=clock.sleep, **options)
-    return timeline, updated
+    return follow(samples, updated.append, solve, lambda j: None, clock=clock, sleep=clock.sleep, **options), updated
 
 
 def test_due_times_are_exact_multiples_of_the_period_whatever_the_solves_take() -> None:

@@ -57,8 +57,7 @@ def test_a_run_killed_at_any_step_on_disk_is_resumed_with_nothing_lost_or_twice(
     whole, copies = tmp_path / "whole", tmp_path / "copies"
     for folder in (whole, copies):
         folder.mkdir()
-    arguments = (whole, copies, SETTINGS)
-    process = get_context("spawn").Process(target=killed_run.stop_before_each_step, args=arguments)
+    process = get_context("spawn").Process(target=killed_run.stop_before_each_step, args=(whole, copies, SETTINGS))
     process.start()
     process.join()
     unbroken = Run(whole / "run")

@@ -93,8 +93,7 @@ def test_a_step_beyond_the_limit_needs_the_explicit_setting():
 
 
 def test_the_start_is_the_projection_of_the_warm_start_or_of_zero():
-    problem = Problem(np.eye(2), np.zeros(2), lb=np.array([1.0, -1.0]))
-    s = solver(problem, steps=0)
+    s = solver(Problem(np.eye(2), np.zeros(2), lb=np.array([1.0, -1.0])), steps=0)
     assert s.solve().tolist() == [1.0, 0.0]
     assert s.solve(np.array([-5.0, 5.0])).tolist() == [1.0, 5.0]
 

@@ -19,8 +19,7 @@ def error_of(
     learner: SelfLearningCompensator, y_ref: Vector, actuator: Callable[[Vector], Vector], plant: Any, part: slice
 ) -> float:
     """RMS error over a part of a run, in per cent of the plant's range."""
-    y = learner.run(y_ref, actuator)[1]
-    return rms_percent(y[part], y_ref[part], plant)
+    return rms_percent(learner.run(y_ref, actuator)[1][part], y_ref[part], plant)
 
 
 def sensor(plant: str = "dense_prandtl_ishlinskii", **options: Any) -> plants.Sensor:

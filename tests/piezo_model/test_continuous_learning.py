@@ -107,8 +107,7 @@ def test_after_a_drop_out_the_learned_weights_are_kept(seconds: float) -> None:
 def test_a_sensor_that_was_zeroed_anew_is_learned_anew_and_first_for_as_long_as_the_memory_lasts() -> None:
     plant, learner, y_ref, before = learned(share=0.7)
     learner.run(y_ref[:30], plant.run)  # into a step of the staircase
-    shifted = np.concatenate([y_ref[30:60], y_ref])
-    _, y = learner.run(shifted, lambda x: plant.run(x) + 6.0)
+    _, y = learner.run(np.concatenate([y_ref[30:60], y_ref]), lambda x: plant.run(x) + 6.0)
     assert rms_percent(y[-5000:], y_ref[-5000:], plant) < 1.3 * before
     *_, anew, hand_over = learner.log
     assert ("learning begins anew" in anew.message, hand_over.what) == (True, "hand-over")

@@ -52,8 +52,7 @@ def test_the_model_behind_its_compensator_is_the_reference_model(dynamics: Dynam
     compensator, s = Compensator(model, (-100.0, 300.0)), model.structure
     state = compensator.state.copy()
     level = float(model.static.simulate([s.x_centre + s.x_scale * state.play[0]], state)[0])
-    y = driven(compensator, model, wave())
-    np.testing.assert_allclose(y, dynamics.reference(wave(), T, level), atol=1e-9)
+    np.testing.assert_allclose(driven(compensator, model, wave()), dynamics.reference(wave(), T, level), atol=1e-9)
 
 
 @pytest.mark.parametrize("dynamics", [ONE, TWO], ids=str)
@@ -333,8 +332,7 @@ def test_a_restored_bank_and_learner_compute_with_the_dynamics_that_they_state()
     saved = learner.get_state()
     saved["compensator"]["model"]["dynamics"] = other.__dict__
     learner.restore(saved)
-    drives = [each.replay(reference, 0.9 * reference) for each in (learner, same_learner)]
-    np.testing.assert_array_equal(*drives)
+    np.testing.assert_array_equal(*(each.replay(reference, 0.9 * reference) for each in (learner, same_learner)))
     late, fast, wild = (bank.get_state() for _ in range(3))
     late["dynamics"][3]["dynamics"] = {**other.to_dict(), "delay_s": 0.5}
     fast["dynamics"][3]["dynamics"] = {**other.to_dict(), "frequencies_Hz": [0.36 / T]}

@@ -82,8 +82,6 @@ RIGHT: dict[str, tuple[Vector, dict[str, float]]] = {
     "a fast reference": (np.sin(2 * np.pi * 100.0 * TIME), {}),
     "levels": (np.round(3.0 * SINE) / 3.0, {}),
 }
-NEVER_LEARNED = ("noise of five per cent",)
-"""The sensor guard takes such noise for jumps again and again."""
 
 
 @pytest.mark.sample(6)
@@ -130,7 +128,8 @@ def test_a_rising_output_is_not_taken_for_a_falling_one(mode: str, name: str, ca
     learner = learner_of(structure_of(name), mode)
     learner.run(wanted(name, shape), measured(name, 1.0, **sensor))
     assert (learner.counts["reversed"], said(learner)) == (0, [])
-    assert learner.counts["hand_overs"] > 0 or case in NEVER_LEARNED
+    # the sensor guard takes such noise for jumps again and again
+    assert learner.counts["hand_overs"] > 0 or case == "noise of five per cent"
 
 
 @pytest.mark.parametrize("mode", MODES)

@@ -235,7 +235,6 @@ FORMATS: dict[str, tuple[Callable[[Path], Any], dict[str, str]]] = {
     "TDMS groups": (tdms_groups, {"time": "Stage/Time", "input": "Stage/AO0", "output": "Stage/AI0"}),
 }
 UNNAMED = ("HDF5 matrix", "MAT 5 matrix", "MAT 5 cells", "NPY")
-WITH_UNITS = ("NeXus", "Excel", "TDMS waveform", "MAT 5 struct")
 
 
 def made(folder: Path, name: str) -> Path:
@@ -255,7 +254,7 @@ def test_every_format_gives_the_clean_arrays_and_the_units_that_it_keeps(tmp_pat
     np.testing.assert_array_equal(np.round(found, 9) if name.startswith("Excel") else found, [X, Y])
     assert recording.sample_time == pytest.approx(PERIOD, rel=1e-12)
     assert recording.columns == columns
-    if name in WITH_UNITS:
+    if name in ("NeXus", "Excel", "TDMS waveform", "MAT 5 struct"):
         assert (recording.input_unit, recording.output_unit, "µm" in recording.describe()) == ("V", "um", True)
 
 

@@ -366,8 +366,7 @@ def test_a_unit_has_exponents_of_one_digit() -> None:
 
 def test_as_many_columns_as_a_recording_may_have_are_no_hindrance(tmp_path: Path) -> None:
     rows = [f"{k},{k % 7},{k % 5}" + f",{k}" * 9000 for k in range(20)]
-    path = text_file(tmp_path, HEADER + "".join(f",c{k}" for k in range(9000)), *rows)
-    assert Recording.open(path).length == 20
+    assert Recording.open(text_file(tmp_path, HEADER + "".join(f",c{k}" for k in range(9000)), *rows)).length == 20
 
 
 def changed_workbook(path: Path, change: Callable[[bytes], bytes]) -> Path:

@@ -41,7 +41,6 @@ def opened(folder: Path, text: str, **options: Any) -> Recording:
 CLEAN = table(T, X, Y)
 SLOW, FALLING = np.argsort(X, kind="stable"), np.arange(N)[::-1]
 TURNED = np.r_[999:-1:-1, N - 1 : 999 : -1]
-TWICE = table(np.repeat(T, 3), np.repeat(X, 3), np.repeat(Y, 3))
 REPAIRED: dict[str, tuple[str, str, slice, int]] = {
     # text, remark, rows that are cut out, number of rows that are not counted
     "an empty cell": (CLEAN.replace(f",{Y[7]:.7g}\n", ",\n"), "position_um' is missing in row 9", slice(0), 1),
@@ -97,7 +96,12 @@ REPAIRED: dict[str, tuple[str, str, slice, int]] = {
         slice(0),
         0,
     ),
-    "a logger quicker than its clock": (TWICE, "4000 of 6000 rows repeat the time", slice(0), 0),
+    "a logger quicker than its clock": (
+        table(np.repeat(T, 3), np.repeat(X, 3), np.repeat(Y, 3)),
+        "4000 of 6000 rows repeat the time",
+        slice(0),
+        0,
+    ),
     "a long pause": (table(T + 3.0 * (T > 6), X, Y), "a pause in its times, before row 120[23]", slice(0), 0),
     "a gap of 90 rows": (
         table(*(np.delete(values, slice(1500, 1590)) for values in (T, X, Y))),
@@ -142,7 +146,6 @@ def test_a_repair_is_named_with_its_row_and_refused_if_strict(tmp_path: Path, ki
     assert opened(tmp_path, CLEAN, strict=True).remarks == ()
 
 
-HALF_RATE = table(T, X, Y) + table(T * 2, X, Y)
 SHUFFLED = np.random.default_rng(0).permutation(N)
 SPOILED: dict[str, tuple[str, dict[str, Any], str]] = {
     "shuffled rows": (table(T[SHUFFLED], X[SHUFFLED], Y[SHUFFLED]), {}, "runs backwards"),
@@ -173,7 +176,7 @@ SPOILED: dict[str, tuple[str, dict[str, Any], str]] = {
     "a time that jumps": (table(changed(T, 40, 3.0), X, Y), {}, "runs backwards in row 43"),
     "a short gap": (table(T + 0.02 * (T > 6), X, Y), {}, "has a gap of 0.025 s before row"),
     "sweeps at two rates": (
-        HALF_RATE,
+        table(T, X, Y) + table(T * 2, X, Y),
         {},
         "has two sampling rates: one sample every 0.005 in the first part",
     ),

@@ -43,7 +43,6 @@ def clock(day: str, start: float = 0.0) -> list[str]:
     return [day.format(f"{int(s // 3600) % 24:02d}:{int(s // 60) % 60:02d}:{s % 60:09.6f}") for s in seconds]
 
 
-QUOTED = '"{t}","{x}","{y}"'
 HEADER = "time_s,voltage_V,height_um\n"
 FILES: dict[str, tuple[bytes | str, dict]] = {
     "no header": (rows("{t},{x},{y}"), {"input": "2", "output": "3"}),
@@ -94,7 +93,10 @@ FILES: dict[str, tuple[bytes | str, dict]] = {
         f"X,Drive,Sensor,t0 = -0.4s, tInc = {1 / RATE:.9f}s\n{rows('{i},{x},{y},,')}",
         {},
     ),
-    "decimal comma in quotes": (f'"time_s","voltage_V","height_um"\n{rows(QUOTED, decimal=",")}', {}),
+    "decimal comma in quotes": (
+        '"time_s","voltage_V","height_um"\n' + rows('"{t}","{x}","{y}"', decimal=","),
+        {},
+    ),
     "blanks": (f"Time (s)  Piezo voltage (V)  Height (um)\n{rows('  {t}   {x}  {y}  ')}", {}),
     "repeated header": (HEADER + rows("{t},{x},{y}").replace("\n", "\n" + HEADER, 1), {}),
     "comments among rows": (HEADER + rows("{t},{x},{y}").replace("\n", "\n# pause\n", 1), {}),

@@ -173,7 +173,6 @@ def test_a_library_without_its_functions_or_without_its_file_is_absent_with_a_se
             open_library("daqp", version, path, ("daqp_solve", function))
 
 
-TIMED_SETTINGS: dict[str, dict[str, Any]] = {"projected_difference": {"steps": 300}}
 D = 9
 each_kernel = pytest.mark.parametrize(
     "entry",
@@ -197,7 +196,8 @@ def optimum(P: Matrix, q: Vector) -> Vector:
 
 def ready(entry: Entry, **settings: Any) -> Solver:
     cls = solver_class(entry)
-    solver = cls(**{**cls.ladder(1.0)[-1], **TIMED_SETTINGS.get(entry.name, {}), **settings})
+    steps = {"steps": 300} if entry.name == "projected_difference" else {}
+    solver = cls(**{**cls.ladder(1.0)[-1], **steps, **settings})
     (P,), (q,) = data(1, seed=99)
     solver.setup(Problem(P, q, lb=np.full(D, -0.1), ub=np.full(D, 0.2)))
     return solver
