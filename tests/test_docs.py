@@ -289,20 +289,18 @@ def test_the_answer_above_the_picture_is_that_of_the_reference_run() -> None:
         assert words in verdict
 
 
-FOLDERS = ("solvers", "piezo_model", "bench", "examples/adapters", "examples/paper")
 FILES = [
     path.relative_to(ROOT)
-    for folder in FOLDERS
+    for folder in ("solvers", "piezo_model", "bench", "examples/adapters", "examples/paper")
     for path in sorted((ROOT / folder).rglob("*.py"))
     if ">>> " in path.read_text(encoding="utf-8")
 ]
-NEEDED = {"control_systems": "control", "hysteresis_regressor": "sklearn"}
 
 
 @pytest.mark.parametrize("path", FILES, ids=str)
 def test_the_examples_of_a_file_print_what_they_show(path: Path) -> None:
     name = ".".join(path.with_suffix("").parts).removesuffix(".__init__")
     if path.parts[0] == "examples":
-        library(NEEDED.get(name := path.stem, name))
+        library({"control_systems": "control", "hysteresis_regressor": "sklearn"}.get(name := path.stem, name))
     found = doctest.testmod(importlib.import_module(name), optionflags=doctest.NORMALIZE_WHITESPACE)
     assert found.attempted > found.failed == 0

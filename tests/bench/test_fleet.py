@@ -144,8 +144,7 @@ def test_a_repeated_fleet_deletes_no_model_of_a_recording_that_is_gone_and_names
     piezobench.run("identify", *chosen, *words)
     before = kept_files(out)
     chosen[1].unlink()
-    torn = text_file(tmp_path, "no numbers", name="torn.csv")
-    call = piezobench("identify", *chosen[:2], torn, *words)
+    call = piezobench("identify", *chosen[:2], text_file(tmp_path, "no numbers", name="torn.csv"), *words)
     assert "2 of 3 recordings are refused" in call.refusal
     assert kept_files(out) == before
     assert "Not of this run, but in the folder: stage1.json, stage2.json and torn.json." in call.stdout

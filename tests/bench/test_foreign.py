@@ -84,8 +84,7 @@ def foreign(folder: Path) -> dict[str, RaceProblem]:
 def test_a_saved_problem_with_nan_is_left_out(tmp_path: Path) -> None:
     problem = next(make("paper").problems())
     form = problem.forms["raw"]
-    lb = np.where(np.arange(problem.d) == 3, np.nan, form.qp.lb)
-    qp = Problem(form.qp.P, form.qp.q, lb=lb, ub=form.qp.ub)
+    qp = Problem(form.qp.P, form.qp.q, lb=np.where(np.arange(problem.d) == 3, np.nan, form.qp.lb), ub=form.qp.ub)
     for name, spoilt in (("constant", replace(form, c=np.nan)), ("bound", replace(form, qp=qp))):
         replace(problem, forms={"raw": spoilt}).save(tmp_path / f"{name}.npz")
     problems, left_out = problems_of(tmp_path)
@@ -110,8 +109,7 @@ def test_scaling_is_by_powers_of_two_and_rounds_nothing(tmp_path: Path, seed: in
     )
     scaled, unit, cost = equilibrated(qp)
     for name, value in fields_of(qp).items():
-        significands = [np.frexp(dense(each))[0] for each in (value, getattr(scaled, name))]
-        np.testing.assert_array_equal(*significands)
+        np.testing.assert_array_equal(*(np.frexp(dense(each))[0] for each in (value, getattr(scaled, name))))
     np.testing.assert_array_equal(scaled.lb * unit, qp.lb)
     largest = dense(sp.vstack([abs(scaled.P / cost), abs(scaled.G), abs(scaled.A)]).max(axis=0))
     assert largest.min() > 0.2
@@ -140,8 +138,10 @@ def test_a_proof_that_takes_too_much_work_is_given_up(tmp_path: Path) -> None:
     np.savez(tmp_path / "quick.npz", P=np.eye(2), q=np.ones(2))
     problems, left_out = problems_of(tmp_path, work="1e8")
     assert list(problems) == ["quick"]
-    why = "no proof within 1e+08 bit operations of exact arithmetic; P is convex, and no active set has been tried"
-    assert left_out == {"long": why}
+    assert left_out == {
+        "long": "no proof within 1e+08 bit operations of exact arithmetic; P is convex, and no active set has been "
+        "tried"
+    }
 
 
 @pytest.mark.slow

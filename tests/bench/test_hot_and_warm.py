@@ -122,8 +122,7 @@ def test_no_row_is_rewritten_and_a_longer_measurement_is_a_row_of_its_own(clean_
     assert not clean_race.rows.duplicated(["task", "timed", "repeat"]).any()
     longer = clean_race.rows.query("timed == 'long'")
     assert set(longer.task) <= set(clean_race.hot.task)
-    found = clean_race.found.rows.set_index("task").answer_us
-    assert found[longer.task].tolist() == longer.answer_us.tolist()
+    assert clean_race.found.rows.set_index("task").answer_us[longer.task].tolist() == longer.answer_us.tolist()
 
 
 def test_figures_are_those_of_the_raw_times_and_a_tail_is_missing_if_the_sample_is_too_small(clean_race: Race) -> None:

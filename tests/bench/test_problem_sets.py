@@ -353,5 +353,4 @@ def test_make_bench_races_on_the_given_recording() -> None:
         (["RECORDING=my stage.csv", "OPTIONS=--input voltage_V"], '--recording "my stage.csv" --input voltage_V'),
     ):
         call = ["make", "-n", "--no-print-directory", "bench", *words]
-        shown = subprocess.check_output(call, cwd=Path(__file__).parents[2], text=True)
-        assert shown.strip().endswith(recipe)
+        assert subprocess.check_output(call, cwd=Path(__file__).parents[2], text=True).strip().endswith(recipe)

@@ -54,8 +54,7 @@ def test_a_race_on_a_recording_keeps_the_model_of_all_of_it_and_the_error_of_tha
         Recording.from_arrays(whole.x[part], whole.y[part], 1e-3, input_unit="V", output_unit="um")
         for part in (slice(round(0.8 * whole.length)), slice(round(0.8 * whole.length), None))
     )
-    model = HysteresisCreepModel.load(run.model_path("recorded"))
-    assert model.weights.tolist() == identify(whole).weights.tolist()
+    assert HysteresisCreepModel.load(run.model_path("recorded")).weights.tolist() == identify(whole).weights.tolist()
     error = identify(fitted).validate(unseen).fit.rms_percent
     assert run.settings["models"]["recorded"]["error_percent"] == pytest.approx(error, rel=1e-9)
     assert "deploy uses the model of the whole recording." in (run.path / "report.md").read_text()
@@ -151,8 +150,7 @@ def test_only_a_model_of_the_first_four_fifths_is_said_to_be_judged_on_held_out_
         "held out": "the recording, which was held out, its RMS error is",
         "not known": "% of the range; whether it was fitted to it is not known.",
     }
-    output = " ".join(call.stdout.split())
-    assert {name for name, phrase in phrases.items() if phrase in output} == {last_fifth}
+    assert {name for name, phrase in phrases.items() if phrase in " ".join(call.stdout.split())} == {last_fifth}
 
 
 @pytest.mark.slow

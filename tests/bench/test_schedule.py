@@ -133,8 +133,7 @@ def test_the_value_is_the_observed_order_statistic_and_lies_in_its_interval(q: f
 
 @pytest.mark.parametrize(("events", "samples"), [(0, 30), (1, 30), (7, 50), (29, 30)])
 def test_at_the_bound_of_a_rate_the_probability_of_so_few_events_is_five_per_cent(events: int, samples: int) -> None:
-    likely = below(events, samples, Fraction(rate_bound(events, samples)))
-    assert float(likely) == pytest.approx(0.05, rel=1e-9)
+    assert float(below(events, samples, Fraction(rate_bound(events, samples)))) == pytest.approx(0.05, rel=1e-9)
 
 
 def test_the_bound_of_a_rate_is_one_where_it_always_happened() -> None:

@@ -317,8 +317,7 @@ def test_two_files_are_one_recording(tmp_path: Path) -> None:
 def test_names_are_printable_told_apart_and_found_by_a_part(
     tmp_path: Path, header: str, options: dict[str, str], columns: tuple[str, ...], units: tuple[str, str]
 ) -> None:
-    text = table(T, X, Y).replace(",".join(HEADER), header, 1)
-    recording = opened(tmp_path, text, **options)
+    recording = opened(tmp_path, table(T, X, Y).replace(",".join(HEADER), header, 1), **options)
     assert tuple(recording.columns.values()) == columns
     assert (recording.input_unit, recording.output_unit) == units
     assert recording.describe().replace("\n", "").isprintable()
