@@ -50,17 +50,21 @@ STRUCTURE = ModelStructure.equidistant(
 Steps = set[tuple[str, str]]
 
 
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The current folder, with the files that the examples take."""
+    monkeypatch.chdir(tmp_path)
+    documents.lay_out(tmp_path)
+    return tmp_path
+
+
 @pytest.mark.parametrize(
     "page",
     [pytest.param(page, marks=pytest.mark.slow) if page.stem in LONG_PAGES else page for page in PAGES],
     ids=lambda page: page.stem,
 )
-def test_the_examples_of_a_page_run_and_print_what_it_shows(
-    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, piezobench: CommandLine
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    documents.lay_out(tmp_path)
-    documents.run(page, tmp_path, piezobench)
+def test_the_examples_of_a_page_run_and_print_what_it_shows(page: Path, folder: Path, piezobench: CommandLine) -> None:
+    documents.run(page, folder, piezobench)
 
 
 def included(found: re.Match[str]) -> str:
@@ -183,9 +187,8 @@ README = ROOT / "README.md"
 TARGETS = {*re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), flags=re.MULTILINE)}
 
 
-def test_the_python_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    documents.lay_out(tmp_path)
+@pytest.mark.usefixtures("folder")
+def test_the_python_example_runs() -> None:
     (text,), names = (
         [block.text for block in documents.blocks(README) if block.language == "python"],
         dict[str, object](),
@@ -195,17 +198,16 @@ def test_the_python_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.needs("cc")
-def test_the_commands_from_a_recording_to_a_controller_work_as_printed(tmp_path: Path, piezobench: CommandLine) -> None:
-    documents.lay_out(tmp_path)
-    shutil.copytree(ROOT / "results" / "reference", tmp_path / "results" / "reference")
+def test_the_commands_from_a_recording_to_a_controller_work_as_printed(folder: Path, piezobench: CommandLine) -> None:
+    shutil.copytree(ROOT / "results" / "reference", folder / "results" / "reference")
     (block,) = [block for block in documents.blocks(README) if block.language == "sh" and "deploy" in block.text]
     for words in documents.commands(block.text):
         if words[1] not in ("realtime", "experiment", "live"):  # half a minute each, and run by tests of their own
-            output = documents.call(words, tmp_path, piezobench)
+            output = documents.call(words, folder, piezobench)
             assert words[1] != "deploy" or "Model: from model.json." in output
-    assert (tmp_path / "drive.csv").read_text().startswith("time_s,drive_V")
+    assert (folder / "drive.csv").read_text().startswith("time_s,drive_V")
     for made in ("stage.html", "controller/Makefile", "stage.fmu"):
-        assert (tmp_path / made).is_file(), made
+        assert (folder / made).is_file(), made
 
 
 OF_OTHERS = {"--depth", "--help", "--hypothesis-profile", "--package", "--quick", "--situations", "--tosses"}

@@ -172,8 +172,7 @@ def test_wrappers_are_measured_at_their_defaults_and_at_the_setting_nearest_to_1
 def problem_of_one(name: str, line: bool = False) -> RaceProblem:
     """A problem of one variable, with the start of a straight line if ``line``."""
     qp = Problem(np.eye(1), np.ones(1), lb=np.zeros(1))
-    starts = {"line": np.ones(1)} if line else {}
-    form = CertifiedForm(qp, 1.0, np.eye(1), certify(qp, np.zeros(1)), starts)
+    form = CertifiedForm(qp, 1.0, np.eye(1), certify(qp, np.zeros(1)), {"line": np.ones(1)} if line else {})
     return RaceProblem("paper", name, {"scaled": form})
 
 

@@ -310,12 +310,10 @@ def test_measured_actuators_are_raced_by_default_in_all_lanes_and_have_sources_a
 def test_every_proof_holds_and_other_seeds_use_other_samples(
     by_seed: list[dict[str, RaceProblem]],
 ) -> None:
-    first = by_seed[0]
-    for problem in first.values():
+    for name, problem in by_seed[0].items():
         for form in problem.forms.values():
             verify(form.qp, form.certificate)
             assert form.optimum_is_unique
-    for name in first:
         programs = [problems[name].forms["raw"].qp.P.tobytes() for problems in by_seed]
         assert len(set(programs)) == PROGRAMS
         assert programs[PROGRAMS] == programs[0]

@@ -85,8 +85,7 @@ def test_plain_text_reads_as_it_was_and_holds_no_markup(text: str) -> None:
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A copy of the run, whose report is written anew."""
     folder = tmp_path_factory.mktemp("shown") / "results" / REFERENCE.name  # the report names the path of its misses
-    shutil.copytree(REFERENCE, folder, ignore=shutil.ignore_patterns("report.*", "*.csv", "*.svg"))
-    return folder
+    return shutil.copytree(REFERENCE, folder, ignore=shutil.ignore_patterns("report.*", "*.csv", "*.svg"))
 
 
 @pytest.fixture(scope="module")
