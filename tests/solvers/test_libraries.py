@@ -110,7 +110,7 @@ ALL: list[Case] = [
 ]
 QUICK = [case for case in ALL if case[1] != "qpax"]
 """qpsolvers has JAX trace qpax anew at every call, which takes about a second."""
-BREAKS = [(Lane.QPSOLVERS, name, "mixed") for name in qpsolvers_lane.BREAKS_ON_INFINITY]
+BREAKS = [(Lane.QPSOLVERS, name, "mixed") for name in sorted(qpsolvers_lane.BREAKS_ON_INFINITY)]
 """The package passes infinite bounds on to these, which do not take them."""
 TAKEN = [
     (*case, form)
