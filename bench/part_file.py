@@ -97,8 +97,7 @@ class PartFile:
 
     def finish(self, notes: dict[str, Any]) -> None:
         """Save the notes, and flush everything to disk."""
-        empty = pa.RecordBatch.from_pylist([], STREAM)
-        self._writer.write_batch(empty, {NOTES: json.dumps(notes)})
+        self._writer.write_batch(pa.RecordBatch.from_pylist([], STREAM), {NOTES: json.dumps(notes)})
         self._file.flush()
         os.fsync(self._file.fileno())
         self.notes = notes

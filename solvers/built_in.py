@@ -136,5 +136,4 @@ class BuiltInSolver(Adapter):
         """Found if its status is that of a full solve and the answer is finite."""
         p, x = self.program, self.x
         found = self._verdict == OK and bool(np.isfinite(x).all())
-        w = box_duals(p.P @ x + p.q, p.lb, p.ub, x)
-        return Report(found, w, REASONS[self._verdict], more=self.extras())
+        return Report(found, box_duals(p.P @ x + p.q, p.lb, p.ub, x), REASONS[self._verdict], more=self.extras())

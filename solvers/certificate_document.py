@@ -67,13 +67,14 @@ def document(
     point = stored_point(program, certificate)
     value = program.value(point.x) * factor + _rational(constant)
     unique, other = _uniqueness(program, point, work)
+    tight = [c for k, c in enumerate(program.constraints) if point.slacks.get(k, 0) == 0]
     contents = {
         "format": FORMAT,
         "problem": {name: _doubles(getattr(data, name)) for name in ("P", "q", "G", "h", "A", "b", "lb", "ub")},
         "constant": float(constant).hex(),
         "shift": certificate.convexity_shift.hex(),
         "optimum": _optimum(data, program, point, factor) | {"value": str(value)},
-        "active": _active(program, point),
+        "active": {name: sorted(c.index for c in tight if c.kind is kind) for kind, name in FIELDS.items()},
         "rounded": {"x": list(map(repr, certificate.x)), "value": repr(nearest_double(value))},
         "unique": unique,
     }
@@ -119,12 +120,6 @@ def _optimum(data: DoubleProblem, program: ExactProgram, point: Point, factor: R
             scale *= fmpq(constraint.a[j]) / _rational(rows[name][constraint.index, j])
         multipliers[name][constraint.index] = str(multiplier * scale)
     return {"x": _texts(point.x), **multipliers}
-
-
-def _active(program: ExactProgram, point: Point) -> dict[str, list[int]]:
-    """The constraints that x* meets with equality, by field."""
-    tight = [c for k, c in enumerate(program.constraints) if point.slacks.get(k, 0) == 0]
-    return {name: sorted(c.index for c in tight if c.kind is kind) for kind, name in FIELDS.items()}
 
 
 def _uniqueness(program: ExactProgram, point: Point, work: float) -> tuple[str, RationalColumn | None]:

@@ -68,11 +68,6 @@ class Entry:
         their own times."""
         return self.lane is Lane.KERNEL and self.path is None and not self.of_package
 
-    @property
-    def is_fallback(self) -> bool:
-        """Whether other lanes are preferred if none is named: a library is then called by its own interface."""
-        return self.lane is Lane.KERNEL and self.name not in OURS
-
     def load(self) -> type[Solver]:
         """Import the solver's class; raises ImportError if its library is not installed."""
         if self.of_package:
@@ -231,11 +226,11 @@ def add_file(path: str | Path) -> Entry:
 
 
 def find(name: str, lane: Lane | str | None = None) -> Entry:
-    """The entry of that name in the given lane, by default in the fastest preferred one (the order of
-    :class:`Lane`)."""
+    """The entry of that name in the given lane, by default in the fastest one (the order of :class:`Lane`), but that of
+    a library by its own interface."""
     matches = [entry for entry in entries() if entry.name == name and lane in (None, entry.lane)]
     if matches:
-        return min(matches, key=lambda entry: entry.is_fallback)
+        return min(matches, key=lambda entry: entry.lane is Lane.KERNEL and entry.name not in OURS)
     place = "" if lane is None else f" in the lane {Lane(lane).value!r}"
     raise KeyError(f"there is no solver {name!r}{place}; known are {', '.join(sorted({e.name for e in entries()}))}")
 

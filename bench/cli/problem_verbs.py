@@ -191,8 +191,9 @@ def certify_verb(
 def certified(qp: Problem, constant: float, answer: Vector | None, work: float) -> dict[str, Any]:
     """The certificate of a program as a document, from the start that a library finds."""
     require_size(qp)
-    proof = certificate.certify(qp, start(qp), work=work)
-    return certificate_document.document(qp, proof, constant=constant, answer=answer, work=work)
+    return certificate_document.document(
+        qp, certificate.certify(qp, start(qp), work=work), constant=constant, answer=answer, work=work
+    )
 
 
 def _sentences(proof: dict[str, Any]) -> list[str]:

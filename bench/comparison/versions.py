@@ -103,8 +103,9 @@ def _timed(
     outcomes = interleave(tasks, children, form, FreshData(form, BLOCKS * CALLS), seed, CALLS)
     for (_, outcome), file in zip(outcomes, files, strict=True):
         if outcome.failure or outcome.x is None:
-            why = f"{outcome.failure} {outcome.message}".strip()
-            raise RaceError(f"{file}: failed at {problem.set_name}/{problem.name}: {why}")
+            raise RaceError(
+                f"{file}: failed at {problem.set_name}/{problem.name}: {outcome.failure} {outcome.message}".rstrip()
+            )
         us = answers_us(outcome.times["update"], outcome.times["solve"]).reshape(BLOCKS, CALLS)
         times.append(np.median(us, axis=1).clip(min=1e-3))
         gaps.append(max(relative_gap(form, outcome.x)))

@@ -91,8 +91,13 @@ def _stored(run: Run) -> ChosenModel:
             "give a model with --model, or name a problem with --problem"
         )
     model = HysteresisCreepModel.load(run.model_path(Recorded.name))
-    certificate = dict(model.report["certificate"] or {})
-    return ChosenModel(model, "the recording of the race", certificate, note["error_percent"], REFITTED)
+    return ChosenModel(
+        model,
+        "the recording of the race",
+        dict(model.report["certificate"] or {}),
+        note["error_percent"],
+        REFITTED,
+    )
 
 
 def _validated(run: Run, chosen: ChosenModel) -> ChosenModel:

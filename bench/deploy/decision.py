@@ -75,7 +75,6 @@ class Decision:
 
     def deployment(self, actuator: ChosenModel) -> Deployment[HysteresisCreepModel]:
         """Content of the file; the mode is the one that `docs/learning.md` recommends."""
-        lanes = self.run.settings.get("lanes", {})
         return Deployment(
             model=actuator.model,
             solver=self.chosen.solver,
@@ -87,7 +86,9 @@ class Decision:
             evidence={
                 "run": self.run.path.name,
                 "machines": self.run.machines,
-                "solver_version": lanes.get(f"{self.chosen.solver} ({self.chosen.lane})", ""),
+                "solver_version": self.run.settings.get("lanes", {}).get(
+                    f"{self.chosen.solver} ({self.chosen.lane})", ""
+                ),
                 "rule": self.rule.sentence,
                 "why": self.sentences(),
                 "figures": self.chosen.metrics(),

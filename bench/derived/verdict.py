@@ -169,7 +169,12 @@ def _stage(measurements: Measurements) -> Iterator[str]:
 
 def notes(measurements: Measurements, summary: pd.DataFrame) -> list[str]:
     """Further findings: other scalings, warm starts, cold caches."""
-    return [*_other_scalings(measurements), *_warm(summary), *_interleaved(measurements)]
+    others = _steps(measurements.lanes[measurements.lanes.scaling != measurements.scaling]).groupby("scaling")
+    return [
+        *(f"On {scaling} data the paper's method {_ends(steps)} after its 15 200 steps." for scaling, steps in others),
+        *_warm(summary),
+        *_interleaved(measurements),
+    ]
 
 
 def below_rounding(costs: pd.DataFrame) -> Iterator[str]:
@@ -182,13 +187,6 @@ def below_rounding(costs: pd.DataFrame) -> Iterator[str]:
             "rounding error of the cost in double precision: a solver that stops on the difference of two costs cannot "
             "detect it."
         )
-
-
-def _other_scalings(measurements: Measurements) -> Iterator[str]:
-    for scaling, steps in _steps(measurements.lanes[measurements.lanes.scaling != measurements.scaling]).groupby(
-        "scaling"
-    ):
-        yield f"On {scaling} data the paper's method {_ends(steps)} after its 15 200 steps."
 
 
 def _warm(table: pd.DataFrame) -> Iterator[str]:

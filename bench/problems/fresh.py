@@ -47,8 +47,9 @@ def mixture(form: CertifiedForm, shares: Vector, factors: Vector) -> CertifiedFo
     P, (q,) = mixed(form, shares[None], factors[None])
     qp, c = form.qp, float(product(np.array([[form.c, *(window.c for window in form.windows)]]), shares)[0])
     program = Problem(qp.P if P is None else P[0], q, qp.G, qp.h, qp.A, qp.b, qp.lb, qp.ub)
-    proof = certify(program, np.array(form.certificate.x))
-    return CertifiedForm(program, c, form.to_weights, proof, cost_unit=form.cost_unit)
+    return CertifiedForm(
+        program, c, form.to_weights, certify(program, np.array(form.certificate.x)), cost_unit=form.cost_unit
+    )
 
 
 def proven_mixture(form: CertifiedForm, shares: Vector, factors: Vector) -> CertifiedForm | None:

@@ -182,5 +182,6 @@ def excerpt(whole: Recording, samples: slice) -> Recording:
 @one_thread
 def preprocessed(recording: Recording, n: int, m: int, creep_rates: Sequence[float]) -> InitialFit:
     """Model structure with the ranges after the transient, length of the transient, and initial states."""
-    structure = structure_of(recording, n, m, creep_rates)
-    return prepare(recording, structure, ProgramSolver(SOLVER, PROXIMAL), fit_range=True)
+    return prepare(
+        recording, structure_of(recording, n, m, creep_rates), ProgramSolver(SOLVER, PROXIMAL), fit_range=True
+    )

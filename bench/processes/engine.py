@@ -80,8 +80,7 @@ def started(workers: Workers, at_end: Callable[[], None] | None = None) -> Itera
 def _local(count: int) -> Iterator[Executor]:
     """Worker processes of this machine; an interruption ends them in the middle of their items."""
     others = set(multiprocessing.active_children())
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(count, context, _prepare_worker) as executor:
+    with ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), _prepare_worker) as executor:
         try:
             yield executor
         except BaseException:

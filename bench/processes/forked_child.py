@@ -69,8 +69,9 @@ class ForkedChild(Child):
     def _start(self, lent: Connection, alive: Connection) -> None:
         assert self._connection is not None
         warm_up()
-        context = multiprocessing.get_context("forkserver")
-        self._process = context.Process(target=_serve, daemon=True, args=(lent, alive))
+        self._process = multiprocessing.get_context("forkserver").Process(
+            target=_serve, daemon=True, args=(lent, alive)
+        )
         self._process.start()
         send_handle(self._connection, self._log.fileno(), self._process.pid)
 

@@ -48,8 +48,9 @@ WARM_UP = 1
 def set_up(child: SolverChild, task: Task, form: CertifiedForm) -> Outcome:
     """Set up the solver of a task, which then waits for blocks; the outcome has its first answer. The certificate and
     the other windows stay here."""
-    start = form.starts.get(task.start)
-    outcome = child.ask(SetUp(task, fields_of(form.qp), start, form.unit, child.entry.times_itself))
+    outcome = child.ask(
+        SetUp(task, fields_of(form.qp), form.starts.get(task.start), form.unit, child.entry.times_itself)
+    )
     if outcome.failure == "timed_out":
         return replace(outcome, message=f"its set-up gave {outcome.message}")
     return outcome if outcome.failure else child.ask(Further(task.key, TimedSolver.first, ()))

@@ -104,8 +104,7 @@ class TimedSolver:
     def first(self) -> Outcome:
         """Solve the problem of the set-up."""
         self._first = x = real(self._solve())
-        info = solver_info(self.solver.solution())
-        return Outcome(x=x, settings=self.settings, **info)
+        return Outcome(x=x, settings=self.settings, **solver_info(self.solver.solution()))
 
     def setup(self) -> int:
         """Nanoseconds of one set-up."""

@@ -130,8 +130,5 @@ def plain_json(value: Any) -> Any:
     >>> plain_json({"a": (1.0, float("nan")), "b": "x"})
     {'a': [1.0, None], 'b': 'x'}
     """
-    return json.loads(json.dumps(value, default=_plain), parse_constant=lambda _: None)
-
-
-def _plain(value: Any) -> Any:
-    return value.item() if isinstance(value, np.generic) else str(value)
+    text = json.dumps(value, default=lambda other: other.item() if isinstance(other, np.generic) else str(other))
+    return json.loads(text, parse_constant=lambda _: None)

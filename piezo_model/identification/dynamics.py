@@ -97,8 +97,7 @@ def _with_modes(
     best, rest = trials.best(none, Parameters(begin, T, free=True, residual=share < 1.0), spectra)
     if best is None:
         return None, None
-    coarse = DynamicsTrials.of(head, inverse, initial, qp_solver, COARSE)
-    finding = trials.judge(none, best, peak.gain, rest, coarse)
+    finding = trials.judge(none, best, peak.gain, rest, DynamicsTrials.of(head, inverse, initial, qp_solver, COARSE))
     if not finding.kept:
         return None, finding
     static = trials.without_dynamics(recording, best)

@@ -34,7 +34,7 @@ from solvers.arrays import Mask, Vector
 ORDERS, COARSE = (20, 5), (10, 5)
 """Orders n and m of the fits, in addition to those of the start: with too few plays, residual hysteresis is mistaken
 for dynamics and shifts the frequency; those of a fit whose difference shows by how much."""
-APPROXIMATE_DAMPING, APPROXIMATE_DELAY = 0.01, 0.03
+APPROXIMATE = 0.01, 0.03
 """Standard deviations of damping (relative) and delay (samples) if nothing were left but creep of unknown rates."""
 STEPS, FOLD_STEPS, RECENTRED = 6, 1, 7
 """Steps of a fit, and of a fit without some of the blocks; most further fits around a lightly damped mode."""
@@ -102,8 +102,8 @@ class DynamicsTrials:
 
     def percent(self, mean_square: float) -> float:
         """The root of a mean square error in normalised units, % of the output's range."""
-        span = float(np.ptp(self.recording.y[self.counted]))
-        return percent_of(span, abs(self.structure.y_scale) * math.sqrt(mean_square))
+        rms = abs(self.structure.y_scale) * math.sqrt(mean_square)
+        return percent_of(float(np.ptp(self.recording.y[self.counted])), rms)
 
     def searched(self, parameters: Parameters, near: ForwardFit | None = None) -> ForwardFit:
         """Fit, and repeat the fit from its result while that has a smaller error but a frequency or a damping at a
@@ -186,7 +186,7 @@ class DynamicsTrials:
         change = 0.0 if reason else parameters_of(coarse.fit(parameters)).vector - parameters.vector
         covariance = best.covariance[d:, d:] + np.outer(change, change)
         of_delay = 3 * modes if parameters.residual else 2 * modes
-        approximate = *spread, *[APPROXIMATE_DAMPING] * modes, APPROXIMATE_DELAY
+        approximate = *spread, *[APPROXIMATE[0]] * modes, APPROXIMATE[1]
         deviations = np.hypot(parameters.deviations(covariance)[[*range(2 * modes), of_delay]], approximate)
         values = np.array([*g.frequencies_Hz, *g.damping, g.delay_s])
         wide = DEVIATIONS * deviations * [*values[:-1], T]

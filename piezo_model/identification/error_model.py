@@ -111,8 +111,9 @@ def _accumulate_together(
     ends = [float(end) for v in (unit_x, unit_y[counted]) for end in (v.min(), v.max())]
     moved_plays, moved_creep = (tuple(moved[s.slices[i]].tolist()) for i in (0, 2))
     excitation = Excitation(ends[0], ends[1], ends[2], ends[3], moved_plays, moved_creep)
-    c = 0.5 * float(gram[0, 0])
-    return IdentificationProblem(s, gram[1:, 1:], gram[0, 1:], c, excitation, proximal=qp_solver.proximal)
+    return IdentificationProblem(
+        s, gram[1:, 1:], gram[0, 1:], 0.5 * float(gram[0, 0]), excitation, proximal=qp_solver.proximal
+    )
 
 
 @dataclass(frozen=True)

@@ -326,8 +326,7 @@ class Identification:
             other = fit_from(guess.states, s.inverse_slope_map @ optimal, self.levels)
             fit = min(fit, other, key=lambda fit: fit.cost)
         if (drift := self.evidence.drift) is not None:
-            column = Columns.of(recording.time, *drift.limits)
-            drifting = fit_from(fit.states, fit.v, self.levels.append(column))
+            drifting = fit_from(fit.states, fit.v, self.levels.append(Columns.of(recording.time, *drift.limits)))
             if fit.improved_by(drifting, 1):
                 return FinalFit(problem, optimal, drifting, drift)
         return FinalFit(problem, optimal, fit, None)

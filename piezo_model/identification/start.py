@@ -179,8 +179,9 @@ def _fit_from_best_starts(
             states[i] = own.states[0]
     if state is not None:
         starts[0], states[0] = "given", state
-    searched = [start == SEARCHED for start in starts]
-    best = fit_forward(recording, counted, s, states, best.v, qp_solver, searched=searched)
+    best = fit_forward(
+        recording, counted, s, states, best.v, qp_solver, searched=[start == SEARCHED for start in starts]
+    )
     return InitialFit(s, skip, starts, best)
 
 

@@ -39,8 +39,11 @@ class BuildCore(build_ext):
 
 
 def _libraries() -> list[Path]:
-    sets = compile_core.instruction_sets()
-    return [compile_core.library(package, isa) for package in compile_core.PACKAGES for isa in sets]
+    return [
+        compile_core.library(package, isa)
+        for package in compile_core.PACKAGES
+        for isa in compile_core.instruction_sets()
+    ]
 
 
 def _compiler() -> list[str]:

@@ -67,7 +67,10 @@ class Highspy(LibrarySolver):
         highs, answer, p = self._highs, self._highs.getSolution(), self.program
         w = -np.concatenate([answer.col_dual, answer.row_dual[: p.u.size - p.d]])
         status, optimal = highs.getModelStatus(), highspy.HighsModelStatus.kOptimal
-        reported_us = 1e6 * (highs.getRunTime() - self._begin_s)
         return Report(
-            status == optimal, w, highs.modelStatusToString(status), highs.getInfo().qp_iteration_count, reported_us
+            status == optimal,
+            w,
+            highs.modelStatusToString(status),
+            highs.getInfo().qp_iteration_count,
+            1e6 * (highs.getRunTime() - self._begin_s),
         )

@@ -38,8 +38,14 @@ class Osqp(LibrarySolver):
     def build(self, p: Program, rows: Intervals) -> None:
         self._zero = np.zeros(p.d), np.zeros(rows.l.size)
         self._solver = osqp.OSQP()
-        options = {"verbose": False, **self.settings}
-        self._solver.setup(p.triangle.matrix(p.P), p.q.copy(), csc_matrix(rows.R), rows.l, rows.u, **options)
+        self._solver.setup(
+            p.triangle.matrix(p.P),
+            p.q.copy(),
+            csc_matrix(rows.R),
+            rows.l,
+            rows.u,
+            **{"verbose": False, **self.settings},
+        )
 
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
         new = {"q": q}

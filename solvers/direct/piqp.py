@@ -31,8 +31,7 @@ class Piqp(LibrarySolver):
         # P is symmetric, so its transpose is P in the Fortran order that the library needs. A is passed too: the
         # library equilibrates again for a new P without updating its product AᵀA, and then reports feasible problems as
         # infeasible.
-        A = None if P is None else self._A
-        self._solver.update(P=None if P is None else P.T, c=q, A=A)
+        self._solver.update(c=q, **({} if P is None else {"P": P.T, "A": self._A}))
 
     def call_library(self, warm_start: Vector | None) -> Vector | None:
         self._status = self._solver.solve()

@@ -30,8 +30,9 @@ class Qtqp(LibrarySolver):
         self._solver = qtqp.QTQP(p=csc_matrix(p.P), c=p.q, a=self._a, b=rows.r, z=rows.equal)
 
     def call_library(self, warm_start: Vector | None) -> Vector | None:
-        linear = {"linear_solver": qtqp.LinearSolver.SCIPY_DENSE}
-        self._result = self._solver.solve(verbose=False, **{**linear, **self.settings})
+        self._result = self._solver.solve(
+            verbose=False, **{"linear_solver": qtqp.LinearSolver.SCIPY_DENSE, **self.settings}
+        )
         return self._result.x
 
     def report(self) -> Report:

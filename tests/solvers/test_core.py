@@ -120,7 +120,7 @@ def test_the_instruction_set_can_be_chosen_and_one_that_the_processor_lacks_is_r
     for level in range(2, bindings.processor_level() + 1):
         monkeypatch.setenv("PIEZOBENCH_ISA", f"v{level}")
         assert core.load(FOLDER.parent).instructions == f"v{level}"
-    for name, level, known in (("v9", None, "v2, v3, v4 that this processor has$"), ("v4", 3, "")):
+    for name, level, known in (("v9", None, "v2"), ("v4", 3, "v2, v3 of this processor$")):
         monkeypatch.setenv("PIEZOBENCH_ISA", name)
         with pytest.raises(ImportError, match=f"^the instruction set {name} is not one of {known}"):
             core.load(FOLDER.parent, level)
