@@ -72,7 +72,8 @@ def _open(package: Path, instructions: str) -> ModuleType:
     path = library(package, instructions)
     if not path.exists():
         raise ImportError(f"the C core of {package.name} is not built: run make core")
-    spec = importlib.util.spec_from_file_location(f"{package.name}.core._core", path)
+    # Python fills the module of a name anew if another library has the same name
+    spec = importlib.util.spec_from_file_location(f"{package.name}.core.{instructions}._core", path)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
