@@ -522,7 +522,7 @@ def test_numbers_of_numpy_are_saved_and_loaded(changes: dict[str, Any], tmp_path
         ({"x_limits": (5.0, 1.0)}, "x_limits must be two finite numbers in ascending order"),
         ({"tier": "best"}, "'best' is not a valid Tier"),
         ({"solver": "nobody"}, "there is no solver 'nobody'"),
-        ({"evidence": {"run": object()}}, "evidence.run is a object, which a file cannot hold"),
+        ({"evidence": {"run": 1j}}, "evidence.run is a complex, which a file cannot hold"),
         *(
             ({"solver": solver, "settings": settings}, f"{solver} has no setting ")
             for solver, settings in (
