@@ -13,7 +13,7 @@
  *  1. With OK or CAPPED, the answer is inside lb and ub to the last bit. For 2 to 5, OK.
  *  2. No free variable has a gradient: |grad_z_F| <= (d + 4) eps s/2.
  *  3. No multiplier, grad_z of a variable at a bound, is on its wrong side by so much more than 4 d eps max(|q_j|, |z|)
- *     that an exchange would gain more than gain_tolerance, (eps s)^2 or, once grad_z is precise, (32 d eps s)^2.
+ *     that an exchange would gain more than gain_tolerance = (eps s)^2.
  *  4. No bound was violated, before 1, so far that an exchange would gain more than that.
  *  5. The cost before the last refinement was above its least by no more than BOX_RELATIVE_GAP |f|, or that share of
  *     the rounding of f. A small gradient does not promise this, since the curvature may be as small as d eps.
@@ -112,7 +112,7 @@ CORE_INLINE real box_cost(real diagonal)
 /* Scale and copy P (NULL: the copy is there already) and compute M = -P^-1; 0 if P is not symmetric to the last bit
  * or not safely positive definite. */
 CORE_API int box_invert(Box *s, const real *P);
-/* M = P, with the proximal term if it is singular, swept on the free variables; 0 if a pivot is not positive. */
+/* M = P with the proximal term, swept on the free variables, and U empty; 0 if a pivot is not positive. */
 CORE_API int box_sweep_free(Box *s);
 /* Switch to box_proximal.c; OK, or INDEFINITE if P has a pivot <= 0 with the proximal term. */
 CORE_API int box_regularise(Box *s);
@@ -123,11 +123,11 @@ typedef struct {
     int count;           /* columns of U */
     int exchanges;       /* since the start */
     int precise, strict; /* whether grad_z needs twice the precision; whether multipliers have no tolerance */
-    real slack;          /* tolerance on the sign of a multiplier, if P is singular */
+    real slack;          /* tolerance on the sign of a multiplier, if W may be large */
     real largest_gain;
     real primal_gain, dual_gain; /* that of holding a free variable, and of freeing one whose multiplier is wrong */
     real rounding;               /* eps s */
-    real gain_tolerance, violation_tolerance; /* of a multiplier; of a bound, or 0 if P is singular */
+    real gain_tolerance, violation_tolerance; /* of a multiplier, (eps s)^2; of a bound, or 0 if W may be large */
 } Search;
 
 /* Begin on -P^-1 at "all free" or, warm, at the present sides. */

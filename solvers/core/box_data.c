@@ -142,6 +142,7 @@ static int set_hessian(Box *s, const real *P)
         status = copy_checked(s, P);
         s->head->definite = status == OK && box_invert(s, NULL);
     }
+    s->head->inverted = s->head->definite;
     return status != OK || s->head->definite ? status : box_regularise(s);
 }
 
@@ -220,13 +221,14 @@ static int solve_once(Box *s, Search *search, int warm)
     head->proximal_steps = 0;
     head->singular = !head->definite;
     if (head->definite) {
-        if (!head->inverted) {
-            box_invert(s, NULL);
-        }
+        head->inverted = head->inverted || box_invert(s, NULL);
         box_begin(s, search, warm);
         status = box_dual_active_set(s, search);
-        if (status == BREAKDOWN && box_regularise(s) != OK) {
-            return INDEFINITE;
+        if (status == BREAKDOWN) {
+            head->inverted = 0;
+            if (box_regularise(s) != OK) {
+                return INDEFINITE;
+            }
         }
     }
     return head->singular ? box_proximal_point(s, search, warm) : status;

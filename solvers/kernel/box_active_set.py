@@ -8,8 +8,7 @@ and F, and swept on all, which costs d³ multiplications without a square root a
 −P⁻¹: the start, every variable free. From there the variable whose bound is broken and gains most, violation²/|M_jj|,
 goes to its bound, by one column M_j of the tableau, and a bound whose multiplier vanishes on the way is let go
 (Goldfarb & Idnani), until nothing is broken: the dual cost rises with each, so no active set returns. One step of
-refinement with the true residual q + P x then makes rounding that of the data. Exchanges that it calls for are made on
-P swept anew on the free variables, a few at a time.
+refinement with the true residual q + P x then makes rounding that of the data.
 
 For a singular P, a small proximal term about the previous iterate is added, which vanishes in the limit
 (``solvers/core/box_proximal.c``).
