@@ -145,7 +145,7 @@ class Loop:
 
     def obey(self, k: int) -> None:
         """End the run if it is over at sample k, and follow the set point of the board."""
-        settings, board = self._settings, self._board
+        board, settings = self._board, self._settings
         if 0.0 < settings.seconds * settings.rate <= k:
             self.end(TIME_OVER)
         if os.getppid() != settings.command:

@@ -97,7 +97,13 @@ def _with_modes(
     best, rest = trials.best(none, Parameters(begin, T, free=True, residual=share < 1.0), spectra)
     if best is None:
         return None, None
-    finding = trials.judge(none, best, peak.gain, rest, DynamicsTrials.of(head, inverse, initial, qp_solver, COARSE))
+    finding = trials.judge(
+        none,
+        best,
+        peak.gain,
+        rest,
+        lambda parameters: DynamicsTrials.of(head, inverse, initial, qp_solver, COARSE).fit(parameters),
+    )
     if not finding.kept:
         return None, finding
     static = trials.without_dynamics(recording, best)

@@ -63,8 +63,9 @@ class DynamicsFinding:
                     "to determine it."
                 )
             return
-        within = self.intervals["frequencies_Hz"]
-        for f, zeta, (low, high), moves in zip(self.frequencies_Hz, self.damping, within, self.moves_Hz, strict=True):
+        for f, zeta, (low, high), moves in zip(
+            self.frequencies_Hz, self.damping, self.intervals["frequencies_Hz"], self.moves_Hz, strict=True
+        ):
             between = f" ({low:.5g} to {high:.5g} Hz)" * (f"{low:.5g}" != f"{high:.5g}")
             amplifies = f", which amplifies errors of the static part near it by up to {0.5 / zeta:.2g} times"
             moving = f" It moves from {moves[0]:.5g} to {moves[1]:.5g} Hz with the amplitude or the position."

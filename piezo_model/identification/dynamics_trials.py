@@ -10,6 +10,7 @@ then) or in the mean of its logarithm over the blocks (for one that excites it f
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -102,8 +103,9 @@ class DynamicsTrials:
 
     def percent(self, mean_square: float) -> float:
         """The root of a mean square error in normalised units, % of the output's range."""
-        rms = abs(self.structure.y_scale) * math.sqrt(mean_square)
-        return percent_of(float(np.ptp(self.recording.y[self.counted])), rms)
+        return percent_of(
+            float(np.ptp(self.recording.y[self.counted])), abs(self.structure.y_scale) * math.sqrt(mean_square)
+        )
 
     def searched(self, parameters: Parameters, near: ForwardFit | None = None) -> ForwardFit:
         """Fit, and repeat the fit from its result while that has a smaller error but a frequency or a damping at a
@@ -147,9 +149,14 @@ class DynamicsTrials:
         return better(best, replace(parameters_of(best), with_lag=True)), rest
 
     def judge(
-        self, none: ForwardFit, best: ForwardFit, gain: float, rest: Peak | None, coarse: DynamicsTrials
+        self,
+        none: ForwardFit,
+        best: ForwardFit,
+        gain: float,
+        rest: Peak | None,
+        coarse: Callable[[Parameters], ForwardFit],
     ) -> DynamicsFinding:
-        """Decide whether to keep the dynamics, whose uncertainty includes the difference to a fit of coarse trials."""
+        """Decide whether to keep the dynamics, whose uncertainty includes the difference to a coarse fit."""
         g, T, count = parameters_of(best).start, self.recording.sample_time, int(np.count_nonzero(self.counted))
         block = max(SHORTEST, round(PERIODS / g.frequencies_Hz[0] / T))
         before, after = (self._held_out(fit, block) for fit in (none, best))
@@ -183,7 +190,7 @@ class DynamicsTrials:
         if without**2 - behind**2 < RINGING**2 and any(map(moves_too_far, g.damping, moves_Hz)):
             # residual hysteresis looks like such a mode
             reason, moves_Hz = "it moves with the amplitude or the position", still
-        change = 0.0 if reason else parameters_of(coarse.fit(parameters)).vector - parameters.vector
+        change = 0.0 if reason else parameters_of(coarse(parameters)).vector - parameters.vector
         covariance = best.covariance[d:, d:] + np.outer(change, change)
         of_delay = 3 * modes if parameters.residual else 2 * modes
         approximate = *spread, *[APPROXIMATE[0]] * modes, APPROXIMATE[1]

@@ -279,15 +279,12 @@ def _kink(t: Vector, h: Vector) -> tuple[float, float, float] | None:
     kinks, flat_end = [], abs(h[t < 0.5 * BEYOND].mean() - h[t < BEYOND].mean()) < 0.2 * BEYOND  # of a line, 0.25
     for flat in np.geomspace(BEYOND, max(0.5 * t.max(), BEYOND), 16 * flat_end).tolist():
         near, y = t[t <= 2.0 * flat] / flat, h[t <= 2.0 * flat]
+        if min(np.count_nonzero(near < 1.0), np.count_nonzero(near > 1.0)) < 4:
+            continue
         lines = np.column_stack([np.ones(near.size), np.maximum(near - 1.0, 0.0), np.minimum(near, 1.0)])
         two = np.linalg.lstsq(lines, y, rcond=None)[0]
         squares, others = (np.mean(left**2) for left in (y - lines @ two, residual(np.vander(near, 4), y)))
-        if (
-            min(np.count_nonzero(near < 1.0), np.count_nonzero(near > 1.0)) >= 4
-            and abs(two[2]) < -FLAT * two[1]
-            and two[1] < -STEEP * flat
-            and squares < ROUGH**2
-        ):
+        if abs(two[2]) < -FLAT * two[1] and two[1] < -STEEP * flat and squares < ROUGH**2:
             kinks.append((float(two[0]), float(y.size * (others - squares) / (squares + EXACT**2)), flat))
     return max(kinks, key=lambda kink: kink[1], default=None)
 

@@ -48,9 +48,8 @@ class Lag:
     def sentence(self, sample_time: float) -> str:
         """A sentence on the lag, and what to do about it."""
         if not self.is_significant:
-            most = quantity(self.at_most_s, "s", 2)
-            perhaps = f", but may lag by up to {most}; record steps to determine it" * (self.at_most_s > sample_time)
-            return f"The output shows no significant lag{perhaps}."
+            at_most = f", but may lag by up to {quantity(self.at_most_s, 's', 2)}; record steps to determine it"
+            return f"The output shows no significant lag{at_most * (self.at_most_s > sample_time)}."
         samples = f"{self.samples:.2f} samples" + " or more, the search limit," * self.at_edge
         amplifier = f", of an amplifier with {quantity(self.amplifier_s, 's', 3)}" if self.amplifier_s else ""
         where = (
