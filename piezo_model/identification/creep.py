@@ -88,8 +88,10 @@ class CreepEvidence:
     determine creep."""
     creep: Estimate | None
     """κ, the fraction of the movement that creep adds in a decade of time; None if undetermined."""
-    drift: Estimate | None
-    """Drift over half the recording, normalised units; None without a drift."""
+    trend: Estimate | None
+    """Half of the change by a drift or a settling over the recording, normalised units; None without one."""
+    settling: tuple[float, ...]
+    """Rates in 1/s of creep from before the recording that settles; empty for a drift."""
     shows_drift: bool
     """True if the drive distinguishes a drift from hysteresis."""
     share: float
@@ -136,13 +138,15 @@ class CreepEvidence:
 
 
 @dataclass(frozen=True)
-class Drift:
-    """A drift of the sensor, output unit per second; it is no part of the model."""
+class Trend:
+    """A drift of the sensor, or the settling of creep from before the recording, in output units; it is no part of the
+    model."""
 
+    change: float
     per_s: float
     se: float
     rms_percent: float
-    """RMS error without the drift, % of the output's range."""
+    """RMS error without the trend, % of the output's range."""
 
 
 def candidate_rates(sample_time: float, duration_s: float) -> tuple[float, ...]:
@@ -168,7 +172,9 @@ def determine(recording: Recording, counted: Mask, fit: ForwardFit, qp_solver: P
     edges = np.searchsorted(at, recording.starts[1:])
     qp_solver.passes += 1
     columns, states, decays = _columns(recording, at, fit, rates, min(1.0, math.sqrt(count / ENOUGH)))
-    signals = np.column_stack([s.unit_output(recording.y), np.linspace(-1.0, 1.0, recording.length)])[at]
+    settlings = [rates[first:] for first in range(len(rates), -1, -1)]
+    trends = [course(recording, settling)[at] for settling in settlings]
+    signals = np.column_stack([s.unit_output(recording.y)[at], *trends])
     whole = _judge(columns, signals, states, decays, rates, edges)
     hold = holds(recording)[at]
     rests = hold >= 0
@@ -179,6 +185,15 @@ def determine(recording: Recording, counted: Mask, fit: ForwardFit, qp_solver: P
     if resting.creep is None:
         return replace(whole, absent=resting.absent)
     return replace(resting, independent=whole.independent, shows_drift=whole.shows_drift)
+
+
+def course(recording: Recording, settling: Sequence[float]) -> Vector:
+    """The course (N,) of a drift, or of a settling at some rates, from −1 to 1."""
+    if not settling:
+        return recording.time
+    t = 0.5 * recording.duration_s * (recording.time + 1.0)
+    settled = -np.sum([np.exp(-rate * t) for rate in settling], axis=0)
+    return 2.0 * (settled - settled[0]) / (settled[-1] - settled[0]) - 1.0
 
 
 def holds(recording: Recording) -> Index:
@@ -210,38 +225,46 @@ def _judge(
     rates: tuple[float, ...],
     edges: Index,
 ) -> CreepEvidence:
-    """Test for creep and drift with the columns (M, p) of the null hypothesis; the signals (M, 2) are output and time,
-    of parts that begin at the edges."""
+    """Test for creep and a trend with the columns (M, p) of the null hypothesis; the signals (M, ·) are the output, a
+    line over the time, and the settling from ever faster rates on, of parts that begin at the edges."""
     residuals, rank = _residual(columns, np.hstack([signals, states, decays]))
-    error, drift, creeps = residuals[:, 0], residuals[:, 1], residuals[:, 2 : 2 + len(rates)]
+    ends = np.cumsum([1, signals.shape[1] - 1, len(rates)])
+    error, (trends, creeps, decays) = residuals[:, 0], np.split(residuals, ends, axis=1)[1:]
     sizes = np.linalg.norm(states - states.mean(axis=0), axis=0)
     informed = np.linalg.norm(creeps, axis=0) >= INFORMATION * sizes
-    steady = _residual(np.hstack([drift[:, None], residuals[:, 2 + len(rates) :]]), creeps)[0]
+    steady = _residual(np.hstack([trends[:, :1], decays]), creeps)[0]
     driven = bool(np.any(np.linalg.norm(steady, axis=0) >= DRIVEN * sizes))
-    known = float(np.linalg.norm(drift) / np.linalg.norm(signals[:, 1]))
+    known = np.linalg.norm(trends, axis=0) / np.linalg.norm(signals[:, 1:] - signals[:, 1:].mean(axis=0), axis=0)
     admissible = tuple(rate for rate, is_informed in zip(rates, informed, strict=True) if is_informed)
     creeping = [(creeps[:, informed].sum(axis=1), LARGEST)] if admissible else []
-    drifting = [(drift, math.inf)] if known >= INFORMATION else []
     freedom = len(columns) - rank
 
     def independent(error: Vector) -> float:
         return max(min(independent_samples(np.split(error, edges)), freedom), 3.0)
 
+    drifting = [(trends[:, 0], math.inf)] if known[0] >= INFORMATION else []
     share, chi_square = _gain(error, drifting, creeping, independent)
     unlimited = [(column, math.inf) for column, _ in creeping]
     absent = driven and bool(creeping)
     absent = absent and 0.0 <= _fit(error, unlimited + drifting, independent)[0][0].limits[1] < NEGLIGIBLE
     if not (creeping and share >= SHARE and chi_square >= CHI_SQUARE):
         creeping = []
+    left = [_fit(error, [*creeping, (trend, math.inf)], independent)[1] for trend in trends.T]
+    costs, count = np.array([float(one @ one) for one in left]), independent(left[0])
+    costs[0] *= 1.0 - math.log(count) / count
+    costs[known < DRIFT_INFORMATION] = math.inf
+    kind = int(np.argmin(costs))
+    drifting = [(trends[:, kind], math.inf)] if known[kind] >= DRIFT_INFORMATION else []
     explained, significance = _gain(error, creeping, drifting, independent)
-    if not (known >= DRIFT_INFORMATION and explained >= DRIFT_SHARE and significance >= DRIFT_CHI_SQUARE):
+    if not (explained >= DRIFT_SHARE and significance >= DRIFT_CHI_SQUARE):
         drifting = []
     estimates, left_over = _fit(error, creeping + drifting, independent)
     return CreepEvidence(
         admissible if driven else (),
         estimates[0] if creeping and driven else None,
         estimates[-1] if drifting else None,
-        known >= DRIFT_INFORMATION,
+        rates[len(rates) - kind :],
+        bool(known[0] >= DRIFT_INFORMATION),
         share,
         chi_square,
         absent,

@@ -22,7 +22,7 @@ from piezo_model import checks
 from piezo_model.dynamics import Dynamics
 from piezo_model.figures import figures_of
 from piezo_model.identification.adequacy import Adequacy, check_adequacy
-from piezo_model.identification.creep import CreepEvidence, Drift, Estimate, determine
+from piezo_model.identification.creep import CreepEvidence, Estimate, Trend, course, determine
 from piezo_model.identification.drive import identifiability_of, orders_within
 from piezo_model.identification.dynamics import StaticView, separate
 from piezo_model.identification.dynamics_parameters import Parameters
@@ -226,7 +226,7 @@ def _identify(
 
 Judgement = tuple[Adequacy, Fit, Recording, Sequence[tuple[Recording, ForwardFit, Fit]]]
 """Adequacy and errors of a fit; the recording, with all outputs at one level; and each member recording, with its share
-of the fit and its errors next to a drift."""
+of the fit and its errors beside a trend."""
 InitialGuess = ForwardFit | Candidate
 """Its structure, states and weights are the starting point of the final fit."""
 
@@ -239,8 +239,8 @@ class FinalFit:
     optimal: Vector
     """Weights (d,) of the program."""
     fit: ForwardFit
-    drift: Estimate | None
-    """The estimate that bounds the drift of the fit; None without a drift."""
+    trend: Estimate | None
+    """The estimate that bounds the trend of the fit; None without a trend."""
 
 
 @dataclass(frozen=True)
@@ -293,7 +293,7 @@ class Identification:
         return selection if None in (options.n, options.m) else None, selection.chosen
 
     def fit(self, guess: InitialGuess) -> FinalFit:
-        """Solve (6) and minimise the output error, with a drift if the gain is significant."""
+        """Solve (6) and minimise the output error, with a trend if the gain is significant."""
         recording, s = self.recording, guess.structure
         counted, qp_solver = counted_from(recording, self.initial.skip), self.qp_solver
         parameters = Parameters.known(self.view.dynamics, s.sample_time)
@@ -325,10 +325,11 @@ class Identification:
         if fit.cost > self.initial.fit.cost:  # outside the model class the predicted weights are far off
             other = fit_from(guess.states, s.inverse_slope_map @ optimal, self.levels)
             fit = min(fit, other, key=lambda fit: fit.cost)
-        if (drift := self.evidence.drift) is not None:
-            drifting = fit_from(fit.states, fit.v, self.levels.append(Columns.of(recording.time, *drift.limits)))
-            if fit.improved_by(drifting, 1):
-                return FinalFit(problem, optimal, drifting, drift)
+        if (trend := self.evidence.trend) is not None:
+            further = self.levels.append(Columns.of(course(recording, self.evidence.settling), *trend.limits))
+            other = fit_from(fit.states, fit.v, further)
+            if fit.improved_by(other, 1):
+                return FinalFit(problem, optimal, other, trend)
         return FinalFit(problem, optimal, fit, None)
 
     def judge(self, final: FinalFit) -> Judgement:
@@ -336,10 +337,10 @@ class Identification:
         fit, s, ignored = final.fit, final.fit.structure, self.options.dynamics == "ignore"
         skip, recording = self.initial.skip, self.joint.at_one_level(fit) if self.joint else self.recording
         modelled = s.y_centre + s.y_scale * fit.y_model
-        steady = recording if final.drift is None else replace(recording, y=modelled + s.y_scale * fit.error)
+        steady = recording if final.trend is None else replace(recording, y=modelled + s.y_scale * fit.error)
         errors = fit_of(recording, s, recording.y - modelled, skip, self.span)
-        without_drift = errors if final.drift is None else fit_of(steady, s, steady.y - modelled, skip, self.span)
-        members = [*split_fit(steady, fit)] if isinstance(steady, Recordings) else [(steady, fit, without_drift)]
+        without_trend = errors if final.trend is None else fit_of(steady, s, steady.y - modelled, skip, self.span)
+        members = [*split_fit(steady, fit)] if isinstance(steady, Recordings) else [(steady, fit, without_trend)]
         verdicts = [
             (f"{member.name}: " * (len(members) > 1), check_adequacy(member, share, skip, member_errors, ignored))
             for member, share, member_errors in members
@@ -395,7 +396,6 @@ def _with_report(
     excluded = {"sensor_delay_s": g.delay_s} if removed and g else {"left_out": g or view.left_out}
     model = replace(model, **({"dynamics": g} if g and not removed else excluded))
     starts = zip(recording.starts, initial.starts, fit.states, strict=True)
-    per_s = 2.0 * s.y_scale / recording.duration_s
     report = FitReport(
         estimator=options.estimator,
         qp_solver=qp_solver,
@@ -411,10 +411,13 @@ def _with_report(
         members=list(joint.members(members)) if joint else [],
         evidence=evidence,
         creep_chosen=options.chooses_creep,
-        drift=None
-        if final.drift is None
-        else Drift(
-            per_s * float(fit.further[-1]), abs(per_s) * final.drift.se, percent_of(identification.span, fit.rms)
+        trend=None
+        if final.trend is None
+        else Trend(
+            change := 2.0 * s.y_scale * float(fit.further[-1]),
+            change / recording.duration_s,
+            2.0 * abs(s.y_scale) * final.trend.se / recording.duration_s,
+            percent_of(identification.span, fit.rms),
         ),
         selection=selection,
         intervals=intervals(fit) if options.estimator == "forward" else None,

@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import median_filter
 
-from piezo_model.identification.creep import CreepEvidence
+from piezo_model.identification.creep import CreepEvidence, course
 from piezo_model.identification.error_model import ProgramSolver, States, percent_of
 from piezo_model.identification.forward import MIN_SLOPE, Box, ForwardFit, piece_slopes
 from piezo_model.identification.gram_matrix import gram_of
@@ -148,12 +148,12 @@ def select(
     """
     most = np.count_nonzero(counted) / FEWEST_PER_WEIGHT
     independent = max(fit.independent, determined.independent, _beyond_noise(recording, counted, fit.error))
-    candidates = []
+    candidates, further = [], np.column_stack([levels, course(recording, determined.settling)])
     for own in rates:
         orders = [with_orders(fit.structure, n, m, own) for n, m in product(ns, ms)]
         orders = [s for s in orders if s.d < most] or orders[:1]
         union = union_of(orders)
-        gram = _gram(recording, counted, fit, union, levels, qp_solver)
+        gram = _gram(recording, counted, fit, union, further, qp_solver)
         candidates += [_candidate(s, fit, union, *gram, determined, independent, qp_solver, span) for s in orders]
     return Selection(tuple(sorted(candidates, key=lambda candidate: candidate.bic)))
 
@@ -163,10 +163,10 @@ def _gram(
     counted: Mask,
     fit: ForwardFit,
     union: ModelStructure,
-    levels: Matrix,
+    further: Matrix,
     qp_solver: ProgramSolver,
 ) -> tuple[Matrix, Mask]:
-    """Means of the products of x/s, Ξ/s, e, levels and t, and which of the columns Ξ moved."""
+    """Means of the products of x/s, Ξ/s, e and further columns (N, k), and which of the columns Ξ moved."""
     s = fit.structure
     chosen = np.zeros(recording.length, dtype=bool)
     chosen[np.flatnonzero(counted)[:: math.ceil(np.count_nonzero(counted) / SAMPLES)]] = True
@@ -176,7 +176,7 @@ def _gram(
     def columns(_: int, samples: slice, rows: Matrix) -> Matrix:
         return rows / slopes[samples, None]
 
-    unfiltered = np.column_stack([fit.error, levels, recording.time])
+    unfiltered = np.column_stack([fit.error, further])
     return gram_of(recording, chosen, union, [states], fit.y_model, columns, unfiltered)
 
 
@@ -225,10 +225,10 @@ def _candidate(
     qp_solver: ProgramSolver,
     span: float,
 ) -> Candidate:
-    """The fit of one structure, and of a drift if there is one, from the Gram matrix."""
+    """The fit of one structure, and of a trend if there is one, from the Gram matrix."""
     names = {name: i for i, name in enumerate(_labels(union))}
     of = np.array([names[label] for label in _labels(s)])
-    x, e, k, drift = 0, union.d + 1, len(gram) - union.d - 2, determined.drift
+    x, e, k, trend = 0, union.d + 1, len(gram) - union.d - 2, determined.trend
     T = np.eye(s.d + k)
     T[: s.d, : s.d] = s.slope_map
     columns = np.append(1 + of, e + 1 + np.arange(k))
@@ -236,11 +236,11 @@ def _candidate(
     c = gram[e, e] - 2.0 * gram[e, x] + gram[x, x]
     lb, ub = np.full(s.d + k, -np.inf), np.full(s.d + k, np.inf)
     lb[: s.d] = s.lower_bounds(MIN_SLOPE)
-    lb[-1], ub[-1] = (0.0, 0.0) if drift is None else drift.limits
+    lb[-1], ub[-1] = (0.0, 0.0) if trend is None else trend.limits
     if (limits := determined.creep_limits(s, fit)) is not None:
         ub[s.slices[2]] = limits
     reference = np.append(s.inverse_slope_map @ s.straight_line, np.zeros(k))
-    free = np.r_[moved[of], np.full(k - 1, True), drift is not None]
+    free = np.r_[moved[of], np.full(k - 1, True), trend is not None]
     free &= np.diag(P) > 0.0
     z = np.where(free, 0.0, reference)
     at = np.ix_(free, free)

@@ -177,14 +177,16 @@ def _creep(
     decisive = max(singles, key=lambda single: (single.evidence.is_clear, single.recording.duration_s))
     evidence, scale = decisive.evidence, decisive.view.initial.structure.y_scale / s.y_scale
     estimates = [single.evidence.creep for single in singles if single.evidence.creep is not None]
-    drift = evidence.drift
-    if drift is not None:  # over half of the longest recording
-        of_longest = decisive.recording.duration_s == whole.duration_s
-        drift = Estimate(scale * drift.value, scale * drift.se) if of_longest else None
+    trend = evidence.trend
+    if trend is not None:  # over half of the longest recording
+        of_longest = decisive.recording.duration_s == whole.duration_s and not evidence.settling
+        trend = Estimate(scale * trend.value, scale * trend.se) if of_longest else None
     every = candidate_rates(whole.sample_time, whole.duration_s)
     slower = max(evidence.rates, default=math.inf)
     creep = max(estimates, key=lambda estimate: estimate.limits[1], default=None)
-    return replace(evidence, creep=creep, drift=drift), [every[k:] for k, rate in enumerate(every) if rate >= slower]
+    return replace(evidence, creep=creep, trend=trend, settling=()), [
+        every[k:] for k, rate in enumerate(every) if rate >= slower
+    ]
 
 
 def split_fit(recording: Recordings, fit: ForwardFit) -> Iterator[tuple[Recording, ForwardFit, Fit]]:

@@ -150,6 +150,16 @@ def test_a_drift_beside_creep_that_is_determined_is_called_one_of_the_sensor() -
     assert any(sentence.startswith("The sensor drifts by -0.15 µm/s.") for sentence in model.report["findings"])
 
 
+@pytest.mark.parametrize("held_samples", [50, 500])
+def test_creep_from_before_the_recording_is_a_settling_and_no_drift(held_samples: int) -> None:
+    u = FAST["a triangle"]
+    before = np.concatenate([np.full(100_000, 9.0), np.full(held_samples, u[0])])
+    model = identify(recorded(u, stage(np.concatenate([before, u]), creep=0.03)[before.size :]))
+    assert model.report["drift"] is None
+    assert model.report["settling"]["rms_percent"] < 0.12 < model.report["fit"]["rms_percent"]
+    assert "µm, as after a movement before the recording. The model does" in " ".join(model.report["findings"])
+
+
 def test_a_recording_that_begins_while_the_stage_creeps_is_validated_from_the_states_that_it_has_then() -> None:
     u = np.concatenate([STEP[:7000], triangle(TIME / 6)[:3000], triangle(TIME / 0.5)[:2000]])
     whole = recorded(u, stage(u, creep=0.02), noise=0.1)
