@@ -38,11 +38,6 @@ GOLDEN = 0.6180339887498949
 of tiles, and by t whole intervals, which spreads the checkpoints too."""
 TABLES = ("driver", "learner", "checkpoint")
 """Parts of a tile, in the order of their addresses; each has the rows of all tiles one after the other."""
-LANE_BY_LANE = (
-    *("drive_memory", "play", "creep", "w_H", "w_S", "w_K", "offset", "prefilter"),
-    *("noise_gains", "memory", "in_use", "candidate", "gram"),
-)
-"""Parts of these with a number for each of the tile's actuators."""
 OPTIONS = ("forgetting_time_s", "hand_over_s", "reset_s", "blend_time_s", "integral_gain", "rate_limit")
 """Settings of learning that a bank has."""
 
@@ -173,7 +168,7 @@ class CompensatorBank(Stateful):
         ]
 
     def _view(self, name: str) -> Matrix:
-        """View (tiles, numbers, LANES) of one of `TABLES` or `LANE_BY_LANE`."""
+        """View (tiles, numbers, LANES) of one of `TABLES`, or of a part of these with numbers of each actuator."""
         first, numbers = self._core.offsets[name]
         stride = [length for begin, length in map(self._core.offsets.__getitem__, TABLES) if begin <= first][-1]
         shape, strides = (self._tiles, numbers // LANES, LANES), (8 * stride, 8 * LANES, 8)
@@ -217,10 +212,10 @@ class CompensatorBank(Stateful):
         self._place(np.concatenate([self._slots, new]))
         self._known = np.append(self._known, [None] * count)
         starts: dict[str, ArrayLike] = {
-            **dict.fromkeys(LANE_BY_LANE, 0.0),
             "drive_memory": drive_memory(s, low, high).T,
             "play": settled,
             "creep": np.tile(settled, len(s.creep_rates)),
+            "memory": 0.0,
         }
         for name, values in starts.items():
             self._view(name)[lanes(new)] = values
@@ -242,7 +237,7 @@ class CompensatorBank(Stateful):
         which, prefilter = self._numbered(actuator), self._prefilter(model)
         self._known[which], slots = model.known_dynamics, self._slots[which]
         numbers: dict[str, ArrayLike] = {
-            "prefilter": prefilter.with_states(np.zeros(self._view("prefilter").shape[1])),
+            "prefilter": prefilter.with_states(self._view("prefilter")[lanes(slots)]),  # in the rings, the tile's place
             "noise_gains": prefilter.noise_gains,
             "w_H": model.w_H,
             "w_S": model.w_S_inverse,

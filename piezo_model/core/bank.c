@@ -91,14 +91,12 @@ Bank bank_setup(void *memory, Shape s, int64_t tiles, int block)
 
 void tile_prepare(const Bank *b, int64_t tile, int64_t late)
 {
-    const Learner l = tile_learner(b, tile, NULL);
-    MailboxHead *const m = l.mailbox.head;
+    MailboxHead *const m = tile_controller(b, tile).mailbox.head;
     m->block = b->head->block;
     m->blocks = 1;
     m->delay = b->head->block;
     m->samples = late;
     m->skipped = (int32_t)(late % m->block);
-    l.clock->next_interval = (late / b->learner_settings->interval + 1) * b->learner_settings->interval;
 }
 
 void tile_begin(const Bank *b, int64_t tile, num which)
@@ -117,10 +115,8 @@ void tile_begin(const Bank *b, int64_t tile, num which)
     for (int k = 0; k < b->head->block; ++k) {
         set_where(which, (num *)block.y + k, constant((real)NAN));
     }
-    copy_where(which, l->before, l->in_use, l->d);
-    set_where(which, &l->memory->fault_count, from_shared(l->mailbox.faults, 0));
-    set_where(which, &l->memory->reset_remaining, constant((real)l->settings->reset_lasts));
-    tile_learner_begin_anew(l, which, constant(0));
+    set_where(which, (num *)l->mailbox.offer.which, constant(0)); /* of the model before */
+    tile_learner_begin(l, which, 1);
 }
 
 static num tile_step(const Bank *b, int64_t tile, num y_ref, num y, void *workspace)

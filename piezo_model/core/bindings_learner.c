@@ -56,7 +56,7 @@ static void set_up(Arguments *a, void *memory, Shape s, int block, int blocks, i
 static void begin(const Loop *loop, const double *play, const double *creep, int resets)
 {
     controller_begin(&loop->controller, play, creep);
-    learner_begin(&loop->learner, resets);
+    learner_begin(&loop->learner, 1, resets);
 }
 
 /* Samples whose drives can be computed at once: new weights take effect a block after their last sample, new ranges, of

@@ -71,6 +71,15 @@ static void enter(const Learner *l, num which, real samples)
     clear_errors(m, which);
 }
 
+void N(continuous_begin)(const Learner *l, num which, int resets)
+{
+    const LearnerSettings *const p = l->settings;
+    l->clock->next_interval = (l->mailbox.head->samples / p->interval + 1) * p->interval;
+    set_where(which, &l->memory->has_checkpoint, constant(0));
+    enter(l, which, resets ? (real)p->reset_lasts : 0);
+    N(learner_begin_anew)(l, which, resets ? constant(0) : l->memory->level);
+}
+
 /* Restore the older checkpoint, or begin anew without one. */
 static void fall_back(const Learner *l, num which)
 {

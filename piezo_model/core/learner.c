@@ -225,6 +225,22 @@ int N(learner_learn)(const Learner *l)
     return events;
 }
 
+void N(learner_begin)(const Learner *l, num which, int resets)
+{
+    set_where(which, &l->memory->fault_count, from_shared(l->mailbox.faults, 0));
+    set_where(which, &l->memory->pending, constant(0));
+    copy_where(which, l->before, l->in_use, l->d);
+#ifndef CORE_TILE
+    if (MODE(l->settings) == CYCLIC) {
+        l->clock->past_span = 0; /* the memory of past cycles belongs to the model before */
+        learner_forget_direction(l->memory, 1);
+        cyclic_enter(l, RESET);
+        return;
+    }
+#endif
+    N(continuous_begin)(l, which, resets);
+}
+
 #ifndef CORE_TILE
 int64_t learner_bytes(Shape s, int block, int blocks, int mode)
 {
@@ -272,24 +288,5 @@ Learner learner_setup(void *memory, Shape shape, int block, int blocks, int mode
     l.mailbox.head->blocks = blocks;
     l.memory->learning = 1;
     return l;
-}
-
-void learner_begin(const Learner *l, int resets)
-{
-    LearnerMemory *const m = l->memory;
-    const LearnerSettings *const p = l->settings;
-    m->fault_count = (num)l->mailbox.faults[0];
-    m->pending = l->clock->past_span = 0; /* the memory of past cycles belongs to the model before */
-    memcpy(l->before, l->in_use, sizeof(real) * (size_t)NUMS(l->d));
-    if (MODE(p) == CYCLIC) {
-        learner_forget_direction(m, 1);
-        cyclic_enter(l, RESET);
-    } else {
-        l->clock->next_interval = (l->mailbox.head->samples / p->interval + 1) * p->interval;
-        m->has_checkpoint = 0;
-        m->reset_remaining = resets ? (real)p->reset_lasts : m->reset_remaining;
-        m->probation = m->predicted = m->squares_in_use = m->squares_candidate = 0;
-        learner_begin_anew(l, 1, m->level);
-    }
 }
 #endif

@@ -214,6 +214,10 @@ CORE_INLINE Workspace workspace_of(const Learner *l)
 /* Lay out what a learner has for itself, and its two checkpoints. */
 CORE_API void N(learner_lay_out)(Learner *l, Arena *own, Arena *checkpoints);
 
+/* Begin with the weights that stand in in_use where `which` is 1, in continuous operation after a reset if it `resets`.
+ */
+CORE_API void N(learner_begin)(const Learner *l, num which, int resets);
+CORE_API void N(continuous_begin)(const Learner *l, num which, int resets);
 /* Learn from the next block, if there is one; its events. */
 CORE_API int N(learner_learn)(const Learner *l);
 /* Forget the direction of the output. */
@@ -254,8 +258,6 @@ CORE_API int64_t learner_bytes(Shape shape, int block, int blocks, int mode);
 CORE_API Learner learner_at(void *memory);
 /* Settings, thresholds and in_use are still to be written, and then learner_begin. */
 CORE_API Learner learner_setup(void *memory, Shape shape, int block, int blocks, int mode);
-/* Begin with the weights that stand in in_use, in continuous operation after a reset where it `resets`. */
-CORE_API void learner_begin(const Learner *l, int resets);
 CORE_API int cyclic_block(const Learner *l, const BlockSummary *b);
 CORE_API void cyclic_enter(const Learner *l, int phase);
 /* Count a refusal of new weights, and begin a cycle anew; `why`. */

@@ -3,7 +3,8 @@
 import os
 import subprocess
 import sys
-from functools import reduce
+from dataclasses import replace
+from functools import partial, reduce
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ import solvers
 from piezo_model import (
     Compensator,
     CompensatorBank,
+    Dynamics,
     HysteresisCreepModel,
     ModelError,
     ModelStructure,
@@ -31,6 +33,7 @@ Matrix = NDArray[np.float64]
 STRUCTURE = ModelStructure.equidistant(5, 3, (0.0, 150.0), (-20.0, 20.0), (10.0, 1.0, 0.1), 1.25e-3)
 MEMORY_S, RESET_SAMPLES, BLOCK, INTERVAL = 2.0, 80, 20, 80
 MIN_SLOPE, PROXIMAL, BELIEF = 0.1, 1e-8, 1e-6
+STAGE = Dynamics((150.0,), (0.05,), (1.0,), 3e-3)
 
 
 class Actuators:
@@ -163,6 +166,24 @@ def test_the_weights_of_a_bank_of_one_are_those_of_plain_numpy_that_solves_at_th
         np.testing.assert_allclose(ours, STRUCTURE.slope_map @ plain, rtol=0, atol=1e-6)
 
 
+@pytest.mark.parametrize("dynamics", [None, STAGE])
+def test_a_single_compensator_is_a_bank_of_one_to_the_last_bit(dynamics: Dynamics | None) -> None:
+    model = replace(HysteresisCreepModel.from_weights(STRUCTURE, STRUCTURE.straight_line), dynamics=dynamics)
+    options: dict[str, Any] = {"hand_over_s": 0.1, "integral_gain": 5.0, "rate_limit": 3e4, "x_start": 20.0}
+    single = SelfLearningCompensator(STRUCTURE, mode="continuous", model=model, **options)
+    bank, plant, before = CompensatorBank(STRUCTURE, 1, dynamics=dynamics, **options), Actuators(1), np.nan
+    for k, y_ref in enumerate(references(2400, 1)[:, 0].tolist()):
+        x = bank.step([y_ref], [before])
+        assert single.step(y_ref, before) == x[0]
+        before = np.nan if k % 700 == 0 else plant(x)[0] + 8.0 * (1200 < k < 1300)
+    np.testing.assert_array_equal(bank.weights[0], single.model.all_weights)
+    assert {name: count[0] for name, count in bank.counts.items()} == {
+        name: single._memory[name] for name in bank.counts
+    }
+    assert bank.counts["hand_overs"] > 5
+    assert bank.counts["faults"] > 0
+
+
 def tile_samples(bank: CompensatorBank) -> NDArray[np.int64]:
     """Sample counter of each tile of a bank."""
     offsets, block = bank._core.offsets, bank._core.block
@@ -231,14 +252,20 @@ def test_a_bank_file_with_invalid_numbers_is_refused_in_one_sentence(
         CompensatorBank.load(path)
 
 
-def test_actuators_are_added_and_removed_without_any_effect_on_the_others() -> None:
+@pytest.mark.parametrize("dynamics", [None, STAGE])
+def test_actuators_are_added_removed_and_given_models_without_any_effect_on_the_others(
+    dynamics: Dynamics | None,
+) -> None:
+    make = partial(CompensatorBank, STRUCTURE, dynamics=dynamics)
     y_ref = references(900, 30)
-    x, y = close_loop(CompensatorBank(STRUCTURE, 30), Actuators(30), y_ref)
-    before = np.vstack([np.full(30, np.nan), y[:-1]])
-    bank = CompensatorBank(STRUCTURE, 12)
-    np.testing.assert_array_equal(bank.run(y_ref[:200, :12], before[:200, :12]), x[:200, :12])
-    kept = np.delete(np.arange(12), [2, 7])
-    bank.remove([2, 7])
+    x, y = close_loop(make(30), Actuators(30), y_ref)
+    before, bank = np.vstack([np.full(30, np.nan), y[:-1]]), make(12)
+    np.testing.assert_array_equal(bank.run(y_ref[:101, :12], before[:101, :12]), x[:101, :12])
+    bank.set_model([0, 7], bank.models[3])
+    kept = np.delete(np.arange(12), [0, 7])
+    given = bank.run(y_ref[101:200, :12], before[101:200, :12])
+    np.testing.assert_array_equal(given[:, kept], x[101:200, kept])
+    bank.remove([0, 7])
     np.testing.assert_array_equal(bank.run(y_ref[200:500, kept], before[200:500, kept]), x[200:500, kept])
     bank.add(20)
     assert len(bank) == 30
@@ -246,7 +273,22 @@ def test_actuators_are_added_and_removed_without_any_effect_on_the_others() -> N
         np.hstack([y_ref[500:, kept], y_ref[500:, 10:]]), np.hstack([before[500:, kept], np.full((400, 20), np.nan)])
     )
     np.testing.assert_array_equal(late[:, :10], x[500:, kept])
-    np.testing.assert_array_equal(late[:, 10:], CompensatorBank(STRUCTURE, 20).run(y_ref[500:, 10:]))
+    np.testing.assert_array_equal(late[:, 10:], make(20).run(y_ref[500:, 10:]))
+
+
+def test_a_model_that_is_set_while_other_weights_are_due_stays_in_use() -> None:
+    bank, plant, before, y_ref = (
+        CompensatorBank(STRUCTURE, 1),
+        Actuators(1),
+        np.array([np.nan]),
+        iter(references(1600, 1)),
+    )
+    while bank.counts["hand_overs"] == 0:
+        before = plant(bank.step(next(y_ref), before))
+    model = HysteresisCreepModel.from_weights(STRUCTURE, STRUCTURE.straight_line)
+    bank.set_model(0, model)
+    bank.run(np.zeros((BLOCK + 1, 1)))
+    np.testing.assert_array_equal(bank.weights, [model.all_weights])
 
 
 def test_learning_is_switched_off_and_on_for_each() -> None:

@@ -85,7 +85,7 @@ void piezo_learner_begin(void *learner, const double *weights)
 {
     const Learner l = learner_at(learner);
     unknowns_of(l.shape, PIEZO_MIDDLE, weights, l.in_use);
-    learner_begin(&l, 1);
+    learner_begin(&l, 1, 1);
 }
 
 #if PIEZO_LEARNING == PIEZO_EXACT
