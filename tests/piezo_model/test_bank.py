@@ -285,7 +285,7 @@ def test_a_model_that_is_set_while_other_weights_are_due_stays_in_use() -> None:
     )
     while bank.counts["hand_overs"] == 0:
         before = plant(bank.step(next(y_ref), before))
-    model = HysteresisCreepModel.from_weights(STRUCTURE, STRUCTURE.straight_line)
+    model = HysteresisCreepModel.from_weights(STRUCTURE, 1.5 * STRUCTURE.straight_line)
     bank.set_model(0, model)
     bank.run(np.zeros((BLOCK + 1, 1)))
     np.testing.assert_array_equal(bank.weights, [model.all_weights])
