@@ -1,7 +1,7 @@
 /* The bank as Python calls it; see bank.h. */
 #define CORE_TILE
 #include "bank.h"
-#include "bindings_model.h"
+#include "bindings_learner.h"
 
 #define BANK ((Bank[]){bank_at(MEMORY(0))})
 
@@ -39,25 +39,15 @@ static void set_up(Arguments *a, void *memory, Shape s, int64_t tiles, int block
     RETURN_FIELDS(memory, fields);
 }
 
-static int nums_bounded(const num *v, int count) { return all_bounded((const real *)v, (int64_t)count * LANES); }
-
-/* Whether a tile of unknown origin is safe: counts and numbers in their ranges. */
+/* Whether a tile of unknown origin is safe. */
 static int sound(const Bank *b, int64_t tile)
 {
     const Controller controller = tile_controller(b, tile);
     const Compensator *const c = &controller.compensator;
-    const Learner learner = tile_learner(b, tile, NULL), *const l = &learner;
-    const MailboxHead *const m = l->mailbox.head;
-    const int fine = m->block == b->head->block && m->blocks == 1 && m->place == 0 && m->delay == m->block
-                     && m->samples >= 0 && m->filled >= 0 && m->to_go >= 0 && m->filled + m->to_go <= m->block
-                     && m->skipped >= 0 && m->skipped < m->block && m->published == m->consumed
-                     && m->offered - m->answered <= 1 && l->clock->next_interval >= 0;
-    return fine && nums_bounded((const num *)(const void *)c->prefilter.reference, prefilter_nums(b->shape))
-           && nums_bounded(c->play, play_vectors(b->shape)) && nums_bounded(c->creep, creep_vectors(b->shape))
-           && nums_bounded(c->inverse.w_H, inverse_nums(b->shape)) && nums_bounded(l->in_use, 3 * NUMS(l->d))
-           && nums_bounded(l->gram, data_nums(b->shape))
-           && nums_bounded(l->checkpoint.gram, 2 * checkpoint_nums(b->shape))
-           && all_bounded(l->mailbox.offer.inverse, LANES * inverse_nums(b->shape));
+    const Learner learner = tile_learner(b, tile, NULL);
+    return learner_sound(&learner, b->head->block) && nums_bounded(c->play, state_nums(b->shape))
+           && nums_bounded(c->inverse.w_H, inverse_nums(b->shape))
+           && nums_bounded((const num *)(const void *)c->prefilter.reference, prefilter_nums(b->shape));
 }
 
 /* Restore the state of another bank of the same settings and size, or refuse it and change nothing. */

@@ -1,8 +1,7 @@
 /* The step and the learner of one actuator as Python calls them: the learner runs at the end of each block, in the
  * same call. See controller.h and learner.h. */
 #include "controller.h"
-#include "bindings_model.h"
-#include "learner.h"
+#include "bindings_learner.h"
 
 #define LEARNER ((Learner[]){learner_at(MEMORY(0))})
 #define LOOP ((Loop[]){loop_at(MEMORY(0), MEMORY(1))})
@@ -81,26 +80,12 @@ static int64_t quiet(const Loop *loop, int adapts)
                : end - m->samples + (adapts && end > m->samples ? 0 : m->delay);
 }
 
-/* Whether a state of unknown origin is safe: sizes and counts and numbers in their ranges. */
-static int sound(const Learner *l, const LearnerHead *head)
+/* Whether what cyclic operation adds to a state of unknown origin is safe. */
+static int cycle_sound(const Learner *l)
 {
-    const MailboxHead *const m = l->mailbox.head;
-    const LearnerSettings *const p = l->settings;
-    const LearnerClock *const t = l->clock;
     const ProjectedGradientHead *const steps = l->cyclic.descent.head;
-    const Block block = block_in(&l->mailbox, 0); /* the ring of Python has one */
-    const int cyclic = head->mode == CYCLIC, gram = data_nums(l->shape);
-    return m->block == head->block && m->blocks == head->blocks && m->place == 0 && m->delay >= 0 && m->samples >= 0
-           && m->filled >= 0 && m->to_go >= 0 && m->filled + m->to_go <= m->block && m->skipped >= 0
-           && m->skipped < m->block && m->published == m->consumed && m->offered - m->answered <= 1
-           && p->mode == head->mode && p->solver >= EXACT && p->solver <= ANSWERED && p->middle >= 0
-           && p->middle < l->shape.zones && (cyclic || (p->interval > 0 && p->checkpoint > 0)) && t->phase >= RESET
-           && t->phase <= LEARN && t->next_interval >= 0 && all_bounded(l->in_use, l->d) && all_bounded(l->before, l->d)
-           && all_bounded(l->candidate, l->d) && all_bounded(l->gram, gram)
-           && (cyclic || (all_bounded(l->checkpoint.gram, gram) && all_bounded(l->next_checkpoint.gram, gram)))
-           && all_bounded(block.play, lanes(l->shape)) && all_bounded(block.creep, creep_lanes(l->shape))
-           && all_bounded(block.x, m->filled) && all_bounded(l->mailbox.offer.inverse, inverse_nums(l->shape))
-           && (!cyclic || (steps->kind == DESCENT_KIND && steps->d == l->d && steps->bytes == descent_bytes(l->d)));
+    return l->clock->phase >= RESET && l->clock->phase <= LEARN && steps->kind == DESCENT_KIND && steps->d == l->d
+           && steps->bytes == descent_bytes(l->d);
 }
 
 /* Restore the state of another learner of the same sizes, or refuse it and change nothing. */
@@ -116,7 +101,7 @@ static void restore(Arguments *a, void *memory, void *other)
     if (memcmp(l.settings, saved.settings, sizeof *l.settings) != 0
         || memcmp(l.regressors.operators.r, saved.regressors.operators.r, parameters) != 0) {
         refuse(a, "it is the state of a learner of other settings");
-    } else if (!sound(&saved, then)) {
+    } else if (!learner_sound(&saved, then->block) || (then->mode == CYCLIC && !cycle_sound(&saved))) {
         refuse(a, "a count, an index or a number in it cannot be");
     } else {
         memcpy(memory, other, (size_t)now->shaped.state.bytes);
