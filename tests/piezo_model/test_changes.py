@@ -134,6 +134,7 @@ OF_BANK: Ways = {
     "a flag too few": (lambda b, v: b.add(20, learn=[True] * 19), set()),
     "a model of dynamics without room": (lambda b, v: b.set_model(1, replace(SHAKY, left_out=MODEL.dynamics)), set()),
     "a model for one more": (lambda b, v: b.set_model([0, 2], b.models[0]), set()),
+    "one more is removed": (lambda b, v: b.remove([0, 2]), set()),
     "references": (lambda b, v: b.step(v, [1.0, 2.0]), NUMBERS),
     "outputs before": (lambda b, v: b.step([1.0, 2.0], v), NUMBERS),
 }
@@ -278,14 +279,6 @@ def test_a_state_with_anything_wrong_in_it_is_refused_whole(name: str) -> None:
             assert refused or value not in ANOTHER_KIND, (path, value)
             if not refused:
                 twins.changed.restore(twins.good), twins.other.restore(twins.good)
-
-
-@pytest.mark.parametrize(
-    "make", [Compensator, lambda model, state: SelfLearningCompensator(S, model=model, state=state)]
-)
-def test_no_controller_begins_with_states_of_no_number(make: Callable[..., Any]) -> None:
-    with pytest.raises(ValueError, match=r"play\[1\] is not a finite number"):
-        make(MODEL, state=states(play=NAN))
 
 
 @pytest.fixture(scope="module")

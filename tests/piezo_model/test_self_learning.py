@@ -7,7 +7,8 @@ import re
 import time
 from collections.abc import Callable
 from copy import deepcopy
-from dataclasses import asdict, replace
+from dataclasses import replace
+from functools import partial, reduce
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -18,9 +19,9 @@ from faulty_sensor import FaultySensor, rms_percent, spoiled, steps
 from learning_loops import MODES, NOISE, WAYS, T, error_of, learner_for, sensor, structure_for
 from qpsolvers import Problem
 
-from piezo_model import OperatorState, SelfLearningCompensator
+from piezo_model import CompensatorBank, OperatorState, SelfLearningCompensator
 from piezo_model.learning.events import Phase
-from piezo_model.learning.learner_file import write_learner
+from piezo_model.learning.learner_file import read_learner, write_learner
 from piezo_model.learning.solving import solved
 from piezo_model.model import HysteresisCreepModel, ModelError
 from solvers.kernel.box_active_set import BoxActiveSet
@@ -42,8 +43,12 @@ def recorded(mode: str, solver: str, seconds: float = 12.0) -> tuple[np.ndarray,
     return y_ref, before
 
 
-def fresh(mode: str, solver: str) -> SelfLearningCompensator:
+def fresh(mode: str = "cyclic", solver: str = "box_active_set") -> SelfLearningCompensator:
     return learner_for(sensor(), mode, solver, offset=mode == "continuous", build_s=2.0, solve_delay_samples=200)
+
+
+def a_bank() -> CompensatorBank:
+    return CompensatorBank(structure_for(sensor()), 13)
 
 
 # Sample by sample and in runs
@@ -143,11 +148,14 @@ def test_a_replay_of_faults_equals_single_steps_bit_for_bit_and_goes_on_so_when_
 # Files
 
 
-@pytest.mark.parametrize("mode", MODES)
-def test_every_damage_of_a_saved_file_is_refused_in_one_sentence_that_names_it(mode: str, tmp_path: Path) -> None:
-    path, learner = tmp_path / "learner.json", fresh(mode, "box_active_set")
-    learner.replay(*(v[:2500] for v in recorded(mode, "box_active_set", 4.0)))
-    learner.save(path)
+@pytest.mark.parametrize("make", [*(partial(fresh, mode) for mode in MODES), a_bank])
+def test_every_damage_of_a_saved_file_is_refused_in_one_sentence_that_names_it(
+    make: Callable[[], Any], tmp_path: Path
+) -> None:
+    path, one = tmp_path / "learner.json", make()
+    if make is not a_bank:
+        one.replay(*(v[:2500] for v in recorded(one.mode, "box_active_set", 4.0)))
+    one.save(path)
     text, random = path.read_text(), np.random.default_rng(0)
     damaged = [text[: len(text) // 2], "", "[]", '{"format": "piezobench-model"}']
     for at in random.integers(0, len(text) - 1, 60):
@@ -156,9 +164,9 @@ def test_every_damage_of_a_saved_file_is_refused_in_one_sentence_that_names_it(m
     for content in damaged:
         path.write_text(content)
         with pytest.raises(ModelError, match=r"^[^\n]*learner\.json: [^\n]*$"):
-            SelfLearningCompensator.load(path)
+            type(one).load(path)
     with pytest.raises(ModelError, match=r"nowhere\.json: there is no such file"):
-        SelfLearningCompensator.load(tmp_path / "nowhere.json")
+        type(one).load(tmp_path / "nowhere.json")
 
 
 def test_a_file_of_an_older_version_is_refused_with_working_advice_on_its_model(tmp_path: Path) -> None:
@@ -178,45 +186,39 @@ def test_a_file_of_an_older_version_is_refused_with_working_advice_on_its_model(
     )
 
 
-def test_a_memory_of_another_size_is_refused_though_its_checksum_is_right(tmp_path: Path) -> None:
-    path, learner = tmp_path / "learner.json", fresh("cyclic", "box_active_set")
-    memory = learner.get_state()
-    other = SelfLearningCompensator(structure_for(sensor(), n=6), solver="box_active_set").get_state()["learning"][
-        "core"
-    ]
-    for core in (np.zeros(3), memory["learning"]["core"][:-8], other):
-        memory["learning"]["core"] = core
-        write_learner(path, asdict(learner.settings), memory)
-        with pytest.raises(
-            ModelError, match="does not hold a whole compensator: the state of the core is that of another structure"
-        ):
-            SelfLearningCompensator.load(path)
-
-
 TO_THE_TIGHTEST = '{"tolerance": 0.001} to {"tolerance": 1e-13}'
 LADDER = f"its ladder goes from {TO_THE_TIGHTEST}"
 ACCELERATED, STEPPED = "accelerated_projection", "projected_difference"
+CORE, OPTIONS = ("state", "learning", "core"), ("settings", "solver_options")
+ANOTHER_CORE = "the state of the core is that of another structure"
+OF_MORE_THRESHOLDS = SelfLearningCompensator(structure_for(sensor(), n=6), solver="box_active_set")
 
 
 # 1e-6 is written 1e-06
 @pytest.mark.parametrize(
-    ("solver", "options", "sentence"),
+    ("make", "names", "value", "sentence"),
     [
         *(
-            (ACCELERATED, {"setting": setting}, f"{ACCELERATED} has no setting {setting!r}; {LADDER}")
+            (
+                partial(fresh, solver=ACCELERATED),
+                OPTIONS,
+                {"setting": setting},
+                f"{ACCELERATED} has no setting {setting!r}; {LADDER}",
+            )
             for setting in (99, 0.5, [], "x", '{"tolerance": 0.5}', '{"tolerance": 1e-6}')
         ),
-        (ACCELERATED, {"lane": "none"}, "'none' is not a valid Lane"),
+        (partial(fresh, solver=ACCELERATED), OPTIONS, {"lane": "none"}, "'none' is not a valid Lane"),
         *(
             (
-                "daqp",
+                partial(fresh, solver="daqp"),
+                OPTIONS,
                 {"lane": "direct", name: value},
                 f"the solver's option {name} is no number, and a file sets only numbers",
             )
             for name, value in (("log_file", "/tmp/log"), ("options", {"dump_dir": "."}), ("files", ["a"]))
         ),
         *(
-            (STEPPED, {name: value}, f"{STEPPED}: {name} must be ")
+            (partial(fresh, solver=STEPPED), OPTIONS, {name: value}, f"{STEPPED}: {name} must be ")
             for name, value in (
                 ("steps", None),
                 ("steps", 1e300),
@@ -225,15 +227,49 @@ ACCELERATED, STEPPED = "accelerated_projection", "projected_difference"
                 ("tolerance", {}),
             )
         ),
+        *(
+            (fresh, CORE, core, ANOTHER_CORE)
+            for core in (
+                np.zeros(3),
+                fresh().get_state()["learning"]["core"][:-8],
+                OF_MORE_THRESHOLDS.get_state()["learning"]["core"],
+            )
+        ),
+        *(
+            (
+                a_bank,
+                ("settings", "learning", name),
+                1e300,
+                f"{name} must be a positive number of seconds up to 1e+09, not 1e+300",
+            )
+            for name in ("forgetting_time_s", "hand_over_s", "reset_s", "blend_time_s")
+        ),
+        (
+            a_bank,
+            ("settings", "learning", "forgetting_time_s"),
+            0.0,
+            "forgetting_time_s must be a positive number of s",
+        ),
+        (a_bank, ("settings", "learning", "forgetting_time_s"), "x", "the field 'learning.forgetting_time_s' is wrong"),
+        (a_bank, ("settings", "learning", "speed"), 1, "there is no field 'learning.speed'"),
+        (a_bank, ("state", "core"), np.zeros(2**20, np.uint8), ANOTHER_CORE),
+        (a_bank, ("state", "core"), np.zeros(3), "slots must be different whole numbers from 0 to 7"),
+        *(
+            (a_bank, ("state", "slots"), slots, "slots must be different whole numbers from 0 to 15")
+            for slots in (np.arange(13) + 4, np.zeros(13, np.int64), np.linspace(0.0, 12.0, 13))
+        ),
     ],
 )
-def test_options_that_the_solver_does_not_have_are_refused_before_anything_runs(
-    solver: str, options: dict[str, Any], sentence: str, tmp_path: Path
+def test_a_file_with_anything_wrong_in_it_is_refused_in_one_sentence_before_anything_runs(
+    make: Callable[[], Any], names: tuple[str, ...], value: Any, sentence: str, tmp_path: Path
 ) -> None:
-    learner, path = fresh("cyclic", solver), tmp_path / "learner.json"
-    write_learner(path, {**asdict(learner.settings), "solver_options": options}, learner.get_state())
+    path, one = tmp_path / "learner.json", make()
+    one.save(path)
+    settings, state = read_learner(path)
+    reduce(dict.__getitem__, names[:-1], {"settings": settings, "state": state})[names[-1]] = value
+    write_learner(path, settings, state)
     with pytest.raises(ModelError, match=rf"^[^\n]*learner\.json: [^\n]*{re.escape(sentence)}[^\n]*$"):
-        SelfLearningCompensator.load(path)
+        type(one).load(path)
 
 
 # Accuracy
