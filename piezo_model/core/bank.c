@@ -104,11 +104,8 @@ void tile_begin(const Bank *b, int64_t tile, num which)
     const Controller controller = tile_controller(b, tile);
     const Compensator *const c = &controller.compensator;
     const Learner learner = tile_learner(b, tile, NULL), *const l = &learner;
-    SensorGuard *const guard = (SensorGuard *)(void *)l->mailbox.guard;
     const Block block = block_at(&l->mailbox, l->mailbox.head->published);
-    SensorGuard fresh = {0};
-    guard_forget(&fresh);
-    copy_where(which, (num *)guard, (const num *)&fresh, (int)(sizeof fresh / sizeof(num)));
+    guard_forget((SensorGuard *)(void *)l->mailbox.guard, which);
     invert(&c->inverse, b->shape, b->regressors.operators.r, b->regressors.low, b->regressors.high);
     tile_compensator_balance(c, which);
     copy_where(which, (num *)block.play, c->play, state_nums(b->shape)); /* play, then creep */

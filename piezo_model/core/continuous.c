@@ -71,12 +71,24 @@ static void enter(const Learner *l, num which, real samples)
     clear_errors(m, which);
 }
 
+/* Wait for the first end of an interval after a sample. */
+static void await_interval(const Learner *l, int64_t sample)
+{
+    const int64_t interval = l->settings->interval;
+    l->clock->next_interval = (sample / interval + 1) * interval;
+}
+
+void N(continuous_pause)(const Learner *l)
+{
+    await_interval(l, l->mailbox.head->samples);
+    l->memory->recent[0] = constant((real)NAN);
+}
+
 void N(continuous_begin)(const Learner *l, num which, int resets)
 {
-    const LearnerSettings *const p = l->settings;
-    l->clock->next_interval = (l->mailbox.head->samples / p->interval + 1) * p->interval;
+    await_interval(l, l->mailbox.head->samples);
     set_where(which, &l->memory->has_checkpoint, constant(0));
-    enter(l, which, resets ? (real)p->reset_lasts : 0);
+    enter(l, which, resets ? (real)l->settings->reset_lasts : 0);
     N(learner_begin_anew)(l, which, resets ? constant(0) : l->memory->level);
 }
 
@@ -208,7 +220,6 @@ static int end_interval(const Learner *l, const BlockSummary *b, num looked_at, 
 int N(continuous_block)(const Learner *l, const Block *block, const BlockSummary *b)
 {
     LearnerMemory *const m = l->memory;
-    const LearnerSettings *const p = l->settings;
     const num resets = less(constant(0), m->reset_remaining), sound = logical_and(m->learning, is_not(b->fault));
     const num fault = logical_and(m->learning, b->fault), failed = logical_and(fault, is_not(resets));
     const num probed = logical_and(sound, resets), in_phase = logical_and(sound, is_not(resets));
@@ -221,7 +232,7 @@ int N(continuous_block)(const Learner *l, const Block *block, const BlockSummary
         fall_back(l, failed);
         events = SENSOR_FAULT;
     }
-    enter(l, fault, (real)p->reset_lasts);
+    enter(l, fault, (real)l->settings->reset_lasts);
     set_where(probed, &m->probation, plus(m->probation, b->squares_in_use));
     set_where(probed, &m->reset_remaining, minus(m->reset_remaining, b->good));
     const num ended = logical_and(probed, is_not(less(constant(0), m->reset_remaining)));
@@ -232,7 +243,7 @@ int N(continuous_block)(const Learner *l, const Block *block, const BlockSummary
         learn(l, block, b, learns);
     }
     if (b->end >= l->clock->next_interval) { /* an interval that ends together with its phase is not judged */
-        l->clock->next_interval = (b->end / p->interval + 1) * p->interval;
+        await_interval(l, b->end);
         events |= end_interval(l, b, logical_and(m->learning, is_not(logical_or(failed, ended))), excited);
     }
     return events;

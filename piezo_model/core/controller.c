@@ -31,7 +31,7 @@ void N(controller_begin)(const Controller *c, const num *play, const num *creep)
     m->consumed = m->published;
     m->answered = m->offered;
     m->skipped = (int32_t)(m->samples % m->block);
-    guard_forget(guard_of(c));
+    guard_forget(guard_of(c), constant(1));
     if (c->compensator.shape.ring > 0) {
         const Prefilter *const p = &c->compensator.prefilter;
         memmove(p->play, play, sizeof(num) * (size_t)(play_vectors(c->compensator.shape) * (LANES / WIDTH)));

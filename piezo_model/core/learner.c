@@ -220,6 +220,8 @@ int N(learner_learn)(const Learner *l)
 #else
         events |= cyclic ? cyclic_block(l, &b) : continuous_block(l, &block, &b);
 #endif
+    } else if (WIDTH > 1) { /* where none of a tile learns, each finds later what it would beside one that does */
+        N(continuous_pause)(l);
     }
     CORE_RELEASE(&m->consumed, m->consumed + 1);
     return events;

@@ -218,6 +218,8 @@ CORE_API void N(learner_lay_out)(Learner *l, Arena *own, Arena *checkpoints);
  */
 CORE_API void N(learner_begin)(const Learner *l, num which, int resets);
 CORE_API void N(continuous_begin)(const Learner *l, num which, int resets);
+/* Pass over a block. */
+CORE_API void N(continuous_pause)(const Learner *l);
 /* Learn from the next block, if there is one; its events. */
 CORE_API int N(learner_learn)(const Learner *l);
 /* Forget the direction of the output. */

@@ -88,7 +88,7 @@ void N(noise_judge)(const Learner *l, const Block *block, BlockSummary *b)
         noise[SQUARES] = where(known, lowest(square, times(most, slope)), constant(0));
         noise[SLOPES] = logical_and(known, slope);
         memmove(before + 1, before, 2 * sizeof *before);
-        before[0] = where(is_finite(y), error, y);
+        before[0] = where(logical_and(l->memory->learning, is_finite(y)), error, constant((real)NAN));
     }
 }
 

@@ -29,11 +29,11 @@ typedef struct {
     num last_x, last_y, path_length, x_low, x_high, jump, verdicts[4];
 } SensorGuard;
 
-CORE_INLINE void guard_forget(SensorGuard *g)
+/* Forget the last samples and the noise where `which` is 1. */
+CORE_INLINE void guard_forget(SensorGuard *g, num which)
 {
-    g->last_x = g->last_y = g->x_low = g->x_high = constant((real)NAN);
-    g->path_length = constant(0);
-    g->jump = constant(JUMP);
+    const num unknown = constant((real)NAN);
+    copy_where(which, &g->last_x, (const num[]){unknown, unknown, constant(0), unknown, unknown, constant(JUMP)}, 6);
 }
 
 /* 1 where the sample is good; `fault` is 1 where it is refused or a jump. */

@@ -269,6 +269,17 @@ def test_learning_is_switched_off_and_on_for_each() -> None:
     assert np.all(bank.counts["hand_overs"] > 0)
 
 
+def test_one_that_pauses_goes_on_alike_whether_the_others_paused_or_not() -> None:
+    drives, y_ref = [], references(1330, 2)
+    for others in (True, False):
+        bank, plant, parts = CompensatorBank(STRUCTURE, 2), Actuators(2), []
+        for learns, part in zip((True, False, True), np.split(y_ref, [500, 730]), strict=True):
+            bank.learning = [learns, learns or others]
+            parts.append(close_loop(bank, plant, part)[0][:, 0])
+        drives.append(np.concatenate(parts))
+    np.testing.assert_array_equal(*drives)
+
+
 SCRIPT = """
 import hashlib, sys
 sys.path.insert(0, sys.argv[1])
