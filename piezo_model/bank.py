@@ -253,10 +253,9 @@ class CompensatorBank(Stateful):
 
     def _numbered(self, which: ArrayLike) -> Index:
         """Numbers of actuators, in ascending order; ValueError if one is not in the bank."""
-        numbers = np.ravel(which).tolist()
+        numbers, last = np.ravel(which).tolist(), len(self) - 1
         for number in numbers:
-            if not (isinstance(number, int) and not isinstance(number, bool) and 0 <= number < len(self)):
-                raise ValueError(f"there are actuators 0 to {len(self) - 1}, and not {number}")
+            checks.require(lambda n: isinstance(n, int) and 0 <= n <= last, f"from 0 to {last}", actuator=number)
         return np.unique(np.array(numbers, np.int64))
 
     def _prefilter(self, model: HysteresisCreepModel) -> Prefilter:

@@ -194,12 +194,12 @@ WRONG_FOR_A_BANK: dict[str, tuple[Callable[[], Any], str]] = {
     "ragged references": (lambda: BANK.run([[1.0], [1.0, 2.0]]), "y_ref must hold real numbers, not list"),
     "words for references": (lambda: BANK.step(["a"] * 8, np.ones(8)), "y_ref must hold real numbers"),
     "no outputs before": (lambda: BANK.step(np.ones(8), None), "y_measured_before must hold real numbers"),
-    "the number -1 of an actuator": (lambda: BANK.set_model(-1, MODEL), "there are actuators 0 to 7, and not -1"),
-    "the number 8 of eight": (lambda: BANK.set_model(8, MODEL), "there are actuators 0 to 7, and not 8"),
-    "a number of no integer": (lambda: BANK.set_model(1.0, MODEL), "there are actuators 0 to 7, and not 1.0"),
+    "the number -1 of an actuator": (lambda: BANK.set_model(-1, MODEL), "actuator must be from 0 to 7, not -1"),
+    "the number 8 of eight": (lambda: BANK.set_model(8, MODEL), "actuator must be from 0 to 7, not 8"),
+    "a number of no integer": (lambda: BANK.set_model(1.0, MODEL), "actuator must be from 0 to 7, not 1.0"),
     "a number for a model": (lambda: BANK.set_model(0, 3), "model must be a HysteresisCreepModel, not 3"),
-    "flags for numbers": (lambda: BANK.remove([True, False]), "there are actuators 0 to 7, and not True"),
-    "a number -1 among others": (lambda: BANK.remove([0, -1]), "there are actuators 0 to 7, and not -1"),
+    "flags for numbers": (lambda: BANK.remove([True, False]), "actuator must be from 0 to 7, not True"),
+    "a number -1 among others": (lambda: BANK.remove([0, -1]), "actuator must be from 0 to 7, not -1"),
     "flags that are written to": (lambda: BANK.learning.__setitem__(3, False), "read-only"),
     "flags of too few": (
         lambda: setattr(BANK, "learning", [True] * 3),
@@ -366,7 +366,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     ),
     "an actuator that a bank has not": (
         lambda: CompensatorBank(STRUCTURE, 30).remove(30),
-        "there are actuators 0 to 29, and not 30",
+        "actuator must be from 0 to 29, not 30",
     ),
     **{
         f"forgetting by {forgetting}": (

@@ -17,7 +17,6 @@ from random_models import drive
 
 from piezo_model import (
     Compensator,
-    CompensatorBank,
     HysteresisCreepModel,
     ModelStructure,
     OperatorState,
@@ -154,25 +153,6 @@ def test_learning_goes_on_when_the_sensor_is_put_right_also_after_a_file(mode: s
         assert each.counts["hand_overs"] > 0
         assert said(each) == ["refused"]
     np.testing.assert_array_equal(learner.model.weights, resumed.model.weights)
-
-
-def test_in_a_bank_a_falling_output_holds_its_own_actuator_and_no_bit_of_another() -> None:
-    name, count = NAMES[0], 11
-    structure = structure_of(name)
-    y_ref = np.repeat(wanted(name, SINES)[:5000, None], count, axis=1)
-    reversed_ones, drives = np.arange(count) % 3 == 1, []
-    for held in (np.zeros(count, dtype=bool), reversed_ones):
-        bank, sensors = CompensatorBank(structure, count), [measured(name, 1.0 - 2.0 * one) for one in held]
-        x, y = np.empty_like(y_ref), np.full(count, np.nan)
-        for k, row in enumerate(y_ref):
-            x[k] = bank.step(row, y)
-            y = np.array([sensor(np.array([drive]))[0] for sensor, drive in zip(sensors, x[k], strict=True)])
-        drives.append(x)
-        assert np.array_equal(bank.counts["reversed"] > 0, held)
-        assert np.array_equal(bank.counts["hand_overs"] == 0, held)
-    np.testing.assert_array_equal(drives[1][:, ~reversed_ones], drives[0][:, ~reversed_ones])
-    line = Compensator(learner_of(structure, "continuous").model).run(y_ref[:, 0])
-    np.testing.assert_array_equal(drives[1][:, reversed_ones], np.repeat(line[:, None], reversed_ones.sum(), axis=1))
 
 
 WIDE = ModelStructure.equidistant(3, 0, (0.0, 10.0), (-2.0, 5.0), (10.0, 1.0), 1e-3, offset=True)
