@@ -396,8 +396,13 @@ class CompensatorBank(Stateful):
         fields, state = read_learner(path)
         with checks.refusing(ModelError, f"{path}: does not hold a whole bank: "):
             saved = convert(fields, BankSettings)
-            options = {name: getattr(saved["learning"], name) for name in OPTIONS}
-            bank = cls(saved["structure"], LANES, dynamics=saved["dynamics"], threads=threads, **options)
+            bank = cls(
+                saved["structure"],
+                LANES,
+                dynamics=saved["dynamics"],
+                threads=threads,
+                **{name: getattr(saved["learning"], name) for name in OPTIONS},
+            )
             heads = bindings.bank_bytes(*bank._shape, 0, bank.block)
             tiles = (convert(state, BankState)["core"].size - heads) // (bank._core.block.size - heads)
             bank._allocate(max(1, tiles))

@@ -423,10 +423,10 @@ class HysteresisCreepModel(Immutable):
             "w_H": self.w_H.tolist(),
             "w_S_inverse": self.w_S_inverse.tolist(),
             "w_K": self.w_K.tolist(),
-            "offset": self.offset,
+            "offset": float(self.offset),
             "start": None if self.start is None else self.start.to_dict(self.structure),
             **{name: getattr(self, name) and getattr(self, name).to_dict() for name in ("dynamics", "left_out")},
-            "sensor_delay_s": self.sensor_delay_s,
+            "sensor_delay_s": float(self.sensor_delay_s),
             "fitted": self.fitted and asdict(self.fitted),
             "report": dict(self.report),
         }

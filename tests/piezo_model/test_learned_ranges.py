@@ -172,6 +172,7 @@ def test_a_model_straight_between_the_new_thresholds_is_unchanged_in_other_range
     begin = OperatorState.settled_at(old, old.x_centre + h * old.x_scale)
     after = begin.rescaled_to(old, new)
     np.testing.assert_allclose(carried.simulate(x, after), model.simulate(x, begin), atol=1e-12)
+    Compensator(carried).restore(Compensator(carried).get_state())
 
 
 def test_a_range_grows_at_once_and_shrinks_with_patience_and_an_axis_at_a_time() -> None:
