@@ -237,7 +237,7 @@ class CompensatorBank(Stateful):
         which, prefilter = self._numbered(actuator), self._prefilter(model)
         self._known[which], slots = model.known_dynamics, self._slots[which]
         numbers: dict[str, ArrayLike] = {
-            "prefilter": prefilter.with_states(self._view("prefilter")[lanes(slots)]),  # in the rings, the tile's place
+            "prefilter": prefilter.with_states(self._view("prefilter")[lanes(slots)]),  # keeps the places in rings
             "noise_gains": prefilter.noise_gains,
             "w_H": model.w_H,
             "w_S": model.w_S_inverse,
