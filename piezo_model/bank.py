@@ -7,7 +7,6 @@ structure.
 """
 
 import math
-import zipfile
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, replace
@@ -22,7 +21,7 @@ from piezo_model.compensator import blend_factor, drive_memory, drive_settings
 from piezo_model.core import State, Stateful, bindings
 from piezo_model.dynamics import Dynamics, KnownDynamics
 from piezo_model.json_file import LARGEST, convert
-from piezo_model.learning.learner_file import LearnerFile, read_learner, write_learner
+from piezo_model.learning.learner_file import read_learner, write_learner
 from piezo_model.learning.settings import MEMORY, LearningSettings, learner_numbers, write_settings
 from piezo_model.model import HysteresisCreepModel, ModelError
 from piezo_model.operator_state import drive_start
@@ -388,11 +387,6 @@ class CompensatorBank(Stateful):
     @classmethod
     def load(cls, path: str | Path, threads: int = 1) -> Self:
         """Continue, to the last bit, from a file of :meth:`save`; ModelError names what is wrong with it."""
-        if zipfile.is_zipfile(path):
-            raise ModelError(
-                f"{path}: a bank's file of version 6 or before, and this program reads those of version "
-                f"{LearnerFile.VERSION}; begin another bank"
-            )
         fields, state = read_learner(path)
         with checks.refusing(ModelError, f"{path}: does not hold a whole bank: "):
             saved = convert(fields, BankSettings)

@@ -10,7 +10,6 @@ the crest factor, about 3, is no better than with most random phases, but well b
 
 import math
 from collections.abc import Callable
-from typing import Literal
 
 import numpy as np
 import scipy  # its parts are imported when they are first used
@@ -131,41 +130,6 @@ def multi_sine(
     return scaled((total - total.min()) / width if width > 0.0 else np.full(t.size, 0.5), low, high)
 
 
-def raster_scan(
-    *,
-    duration_s: float,
-    sample_time: float,
-    low: float,
-    high: float,
-    line_rate_Hz: float = 10.0,
-    fast_share: float = 0.6,
-    slow_axis: Literal["staircase", "drift"] = "staircase",
-) -> Vector:
-    """One axis of a raster scan: a fast triangle whose base moves once from low to high minus the triangle's width.
-
-    Parameters
-    ----------
-    line_rate_Hz : float
-        Lines (up and down) per second, below half the sampling rate.
-    fast_share : float
-        Width of the triangle over high - low, 0 to 1.
-    slow_axis : {"staircase", "drift"}
-        Whether the base moves by a step after each line or at constant speed.
-    """
-    t = times(duration_s, sample_time, low, high)
-    checks.require(
-        lambda rate: 0.0 < rate < 0.5 / sample_time,
-        f"positive and below half the sampling rate, {0.5 / sample_time} Hz",
-        line_rate_Hz=line_rate_Hz,
-    )
-    checks.require(lambda value: 0.0 <= value <= 1.0, "between 0 and 1", fast_share=fast_share)
-    checks.one_of(("staircase", "drift"), slow_axis=slow_axis)
-    line = line_rate_Hz * t
-    last_line = max(1.0, math.ceil(line_rate_Hz * duration_s) - 1.0)
-    base = np.minimum(np.floor(line) / last_line, 1.0) if slow_axis == "staircase" else t / duration_s
-    return scaled(fast_share * _triangle(line) + (1.0 - fast_share) * base, low, high)
-
-
 def random_walk(
     *,
     duration_s: float,
@@ -254,6 +218,6 @@ def excitation(*, duration_s: float, sample_time: float, low: float, high: float
 
 
 SIGNALS: dict[str, Callable[..., Vector]] = {
-    function.__name__: function for function in (staircase, decaying_triangle, multi_sine, raster_scan, random_walk)
+    function.__name__: function for function in (staircase, decaying_triangle, multi_sine, random_walk)
 }
 """The signals by name."""

@@ -7,10 +7,11 @@ one from a drive of ``piezobench excite``. Both fit their recordings; a step hel
 import numpy as np
 import pandas as pd
 from outputs import arguments, show
+from references import raster_scan
 
 from bench.report.report import INK, PALETTE, Axis, Figure, Mark, Plot
 from piezo_model import Recording, identify, plants
-from piezo_model.signals import excitation, raster_scan
+from piezo_model.signals import excitation
 from solvers.arrays import Vector
 
 SAMPLE_TIME = 1e-3

@@ -1,5 +1,7 @@
 """References typical of machines, with the same arguments as the signals of `piezo_model.signals`."""
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -22,6 +24,23 @@ def set_point_steps(
     ends = np.cumsum(random.exponential(mean_hold_s, int(4.0 * duration_s / mean_hold_s) + 50))
     levels = random.uniform(low, high, ends.size)
     return np.clip(smoothed(levels[np.searchsorted(ends[:-1], t)], step_s, sample_time), low, high)
+
+
+def raster_scan(
+    *,
+    duration_s: float,
+    sample_time: float,
+    low: float,
+    high: float,
+    line_rate_Hz: float = 10.0,
+    fast_share: float = 0.6,
+) -> Vector:
+    """One axis of a raster scan: a triangle over a share of the range, whose base rises by a step after each line."""
+    t = times(duration_s, sample_time, low, high)
+    line = line_rate_Hz * t
+    last_line = max(1.0, math.ceil(line_rate_Hz * duration_s) - 1.0)
+    base, triangle = np.minimum(np.floor(line) / last_line, 1.0), 1.0 - np.abs(1.0 - 2.0 * (line % 1.0))
+    return scaled(fast_share * triangle + (1.0 - fast_share) * base, low, high)
 
 
 def changing_amplitude(

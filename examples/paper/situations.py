@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 from disturbed_sensor import DisturbedSensor
-from references import changing_amplitude, from_samples, set_point_steps
+from references import changing_amplitude, from_samples, raster_scan, set_point_steps
 
 from piezo_model import plants
-from piezo_model.signals import decaying_triangle, multi_sine, random_walk, raster_scan, smoothed, staircase
+from piezo_model.signals import decaying_triangle, multi_sine, random_walk, smoothed, staircase
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Vector
 

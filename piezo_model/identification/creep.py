@@ -137,18 +137,6 @@ class CreepEvidence:
         return limits
 
 
-@dataclass(frozen=True)
-class Trend:
-    """A drift of the sensor, or the settling of creep from before the recording, in output units; it is no part of the
-    model."""
-
-    change: float
-    per_s: float
-    se: float
-    rms_percent: float
-    """RMS error without the trend, % of the output's range."""
-
-
 def candidate_rates(sample_time: float, duration_s: float) -> tuple[float, ...]:
     """Rates in 1/s, one per decade and fastest first, with time constants from ten sampling periods to at most ten
     times the duration. All share one weight, so that creep continues after the recording as it does within it.

@@ -22,7 +22,7 @@ from piezo_model import checks
 from piezo_model.dynamics import Dynamics
 from piezo_model.figures import figures_of
 from piezo_model.identification.adequacy import Adequacy, check_adequacy
-from piezo_model.identification.creep import CreepEvidence, Estimate, Trend, course, determine
+from piezo_model.identification.creep import CreepEvidence, Estimate, course, determine
 from piezo_model.identification.drive import identifiability_of, orders_within
 from piezo_model.identification.dynamics import StaticView, separate
 from piezo_model.identification.dynamics_parameters import Parameters
@@ -413,12 +413,12 @@ def _with_report(
         creep_chosen=options.chooses_creep,
         trend=None
         if final.trend is None
-        else Trend(
-            change := 2.0 * s.y_scale * float(fit.further[-1]),
-            change / recording.duration_s,
-            2.0 * abs(s.y_scale) * final.trend.se / recording.duration_s,
-            percent_of(identification.span, fit.rms),
-        ),
+        else {
+            "change": (change := 2.0 * s.y_scale * float(fit.further[-1])),
+            "per_s": change / recording.duration_s,
+            "se": 2.0 * abs(s.y_scale) * final.trend.se / recording.duration_s,
+            "rms_percent": percent_of(identification.span, fit.rms),
+        },
         selection=selection,
         intervals=intervals(fit) if options.estimator == "forward" else None,
         figures=figures_of(model),

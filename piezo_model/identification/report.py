@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, is_dataclass
 from typing import Any
 
 from piezo_model.identification.adequacy import Adequacy
-from piezo_model.identification.creep import CreepEvidence, Trend
+from piezo_model.identification.creep import CreepEvidence
 from piezo_model.identification.drive import Identifiability
 from piezo_model.identification.dynamics_finding import DynamicsFinding
 from piezo_model.identification.error_model import Certificate, ProgramSolver
@@ -44,7 +44,8 @@ class FitReport:
 
     ``start`` says how the states before the first sample were found; ``parts`` has the first sample, the start and the
     states of each later part; ``creep_chosen`` is True if the ``evidence``, not the user, decided on creep; the
-    ``trend`` is not in the model; ``members`` are the recordings of a joint model.
+    ``trend`` is not in the model: its change over the recording, per second with standard error, and the RMS error
+    without it; ``members`` are the recordings of a joint model.
     """
 
     estimator: str
@@ -61,7 +62,7 @@ class FitReport:
     members: Sequence[Mapping[str, Any]]
     evidence: CreepEvidence
     creep_chosen: bool
-    trend: Trend | None
+    trend: Mapping[str, float] | None
     selection: Selection | None
     intervals: Mapping[str, Any] | None
     figures: Mapping[str, float]
@@ -71,7 +72,6 @@ class FitReport:
         """Numbers and sentences for JSON."""
         findings, headline = [*self._findings(s)], self.fit.headline(s.output_unit)
         merged = ("qp_solver", "adequacy", "evidence", "creep_chosen", "selection", "trend")
-        trend = self.trend and asdict(self.trend)
         own = {name: asdict(v) if is_dataclass(v) else v for name, v in vars(self).items() if name not in merged}  # type: ignore[arg-type]
         return {
             **own,
@@ -82,8 +82,8 @@ class FitReport:
             "headline": headline,
             "drive": {**own["drive"], "sentence": self._drive_sentence},
             "creep": self.evidence.to_dict(s.creep_rates, self.creep_chosen),
-            "drift": None if self.evidence.settling else trend,
-            "settling": trend if self.evidence.settling else None,
+            "drift": None if self.evidence.settling else self.trend,
+            "settling": self.trend if self.evidence.settling else None,
             "findings": findings[:MOST],
             "sentences": [*filter(None, (headline, self.units)), *findings, *self._facts(s)],
         }
@@ -159,15 +159,15 @@ class FitReport:
         if self.lag is not None and self.lag.is_significant:
             yield self.lag.sentence(s.sample_time)
 
-    def _trend_sentence(self, trend: Trend, unit: str) -> str:
+    def _trend_sentence(self, trend: Mapping[str, float], unit: str) -> str:
         if self.evidence.settling:
-            what = f"The output settles by {abs(trend.change):.2g} {unit}, as after a movement before the recording"
+            what = f"The output settles by {abs(trend['change']):.2g} {unit}, as after a movement before the recording"
         else:
             clear = self.evidence.is_clear
             drifting, cause = ("sensor", "") if clear else ("output", ", owing to creep or to the sensor")
-            what = f"The {drifting} drifts by {trend.per_s:.2g} {unit}/s{cause}"
+            what = f"The {drifting} drifts by {trend['per_s']:.2g} {unit}/s{cause}"
         kind = "settling" if self.evidence.settling else "drift"
-        error = percent(trend.rms_percent)
+        error = percent(trend["rms_percent"])
         return f"{what}. The model does not include the {kind}; without it the RMS error is {error} of the range."
 
     def _facts(self, s: ModelStructure) -> Iterator[str]:

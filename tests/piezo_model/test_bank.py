@@ -209,13 +209,10 @@ def test_blocks_of_samples_and_threads_change_no_bit(threads: int) -> None:
     np.testing.assert_array_equal(np.vstack(pieces), x)
 
 
-def test_a_file_of_another_kind_or_of_former_times_is_refused(tmp_path: Path) -> None:
+def test_a_file_of_another_kind_is_refused(tmp_path: Path) -> None:
     CompensatorBank(STRUCTURE, 13).save(tmp_path / "bank.json")
     with pytest.raises(ModelError, match=r"bank\.json: does not hold a whole compensator: there is no field"):
         SelfLearningCompensator.load(tmp_path / "bank.json")
-    np.savez(tmp_path / "old.npz", about=np.array('{"format": "piezobench-bank", "version": 6}'))
-    with pytest.raises(ModelError, match=r"old\.npz: a bank's file of version 6 or before, .* begin another bank"):
-        CompensatorBank.load(tmp_path / "old.npz")
 
 
 @pytest.mark.parametrize("dynamics", [None, STAGE])

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from piezo_model.signals import SIGNALS, decaying_triangle, multi_sine, random_walk, raster_scan, staircase
+from piezo_model.signals import SIGNALS, decaying_triangle, multi_sine, random_walk, staircase
 
 TWO_SECONDS = {"duration_s": 2.0, "sample_time": 1e-3, "low": -20.0, "high": 130.0}
 
@@ -57,9 +57,6 @@ COMMON = [
         ("multi_sine", "tones", 0),
         ("multi_sine", "highest_Hz", 500.0),
         ("multi_sine", "lowest_Hz", 80.0),
-        ("raster_scan", "line_rate_Hz", 500.0),
-        ("raster_scan", "fast_share", -0.1),
-        ("raster_scan", "slow_axis", "diagonal"),
         ("random_walk", "bandwidth_Hz", -1.0),
         ("random_walk", "spread_per_root_s", 0.0),
     ],
@@ -96,20 +93,6 @@ def test_a_multi_sine_has_its_energy_at_its_log_spaced_tones_in_the_phases_of_sc
     tones = np.fft.rfft(s)[[8, 32, 128, 512]]
     phases = np.exp(-1j * np.pi * np.array([0.0, 2.0, 6.0, 12.0]) / 4)  # of Schroeder
     np.testing.assert_allclose(tones * 1j / np.abs(tones), phases, atol=1e-6)
-
-
-@pytest.mark.parametrize("slow_axis", ["staircase", "drift"])
-def test_a_raster_scan_has_one_line_a_period_and_climbs_from_low_to_high(slow_axis):
-    s = raster_scan(**TWO_SECONDS, line_rate_Hz=10.0, fast_share=0.6, slow_axis=slow_axis).reshape(20, 100)
-    assert np.all(np.diff(s.mean(axis=1)) > 0.0)
-    assert s[0, 0] == -20.0
-    assert s.max() == pytest.approx(130.0, abs=2.0)
-    np.testing.assert_allclose(np.ptp(s, axis=1), 90.0, atol=3.5)
-
-
-def test_the_base_of_a_stepped_raster_scan_is_constant_within_a_line():
-    s = raster_scan(**TWO_SECONDS, line_rate_Hz=10.0, slow_axis="staircase").reshape(20, 100)
-    np.testing.assert_allclose(s[:, 1:50], s[:, :50:-1], atol=1e-9)
 
 
 def test_a_random_walk_starts_at_the_centre_roams_the_range_and_is_band_limited():
