@@ -54,7 +54,7 @@ nightly: $(VENV)/.dev core ## run the tests that take minutes
 	$(PYTEST) -m nightly -o faulthandler_timeout=3600
 
 fuzz: $(VENV)/.dev core ## try hostile input for a quarter of an hour, or for FUZZ_SECONDS
-	PYTHONPATH=.:tests:tests/piezo_model $(BIN)/python tests/bench/fuzz.py
+	PYTHONPATH=.:tests:tests/piezo_model $(BIN)/python tests/bench/test_fuzz.py
 
 lint: $(VENV)/.dev    ## style and types
 	$(BIN)/ruff check

@@ -75,6 +75,13 @@ def python(
     return done
 
 
+def run_example(script: str, *words: object) -> str:
+    """Output of a script of ``examples/``, which must succeed."""
+    done = python(STAGES.parent / script, *words, PYTHONPATH=str(STAGES.parents[1]))
+    assert without_waiting(done.stderr) == ""
+    return done.stdout
+
+
 def hears_its_terminal() -> None:
     """In a child: SIGINT and SIGHUP end it, though the tests themselves may run in the background or under nohup."""
     for number in (signal.SIGINT, signal.SIGHUP):

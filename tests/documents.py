@@ -15,7 +15,6 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from command_line import CommandLine, Finished
@@ -66,7 +65,7 @@ def lay_out(folder: Path) -> None:
 
 def run(page: Path, folder: Path, piezobench: CommandLine) -> None:
     """Run the blocks of a page in the current folder, and compare their output with the page."""
-    names: dict[str, Any] = {"__name__": "__main__"}
+    names: dict[str, object] = {"__name__": "__main__"}
     printed = ""
     for block in blocks(page):
         if block.language == "sh":

@@ -1,18 +1,21 @@
-"""Signals for the exported C and the drives that Python computes, with faults of every kind.
+"""Signals for the exported C and the drives that Python computes, with faults of every kind; and programs of the C.
 
 References leave the range, are NaN and infinite; the actuator of the loops is a model of another structure with noise.
 """
 
+import subprocess
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
+from pathlib import Path
 
 import numpy as np
+from programs import program
 
+from bench.export.building import write_files
+from bench.export.c_source import export
 from bench.export.settings import SOLVERS, ExportSettings
 from piezo_model import Compensator, Dynamics, HysteresisCreepModel, ModelStructure, SelfLearningCompensator
 from piezo_model.operator_state import OperatorState
-from solvers.arrays import Vector
 
 SHORT, MILLION = 50_000, 1_000_000
 SAMPLE_TIME = 125e-6
@@ -37,7 +40,7 @@ def a_model(
     return HysteresisCreepModel.from_weights(structure, structure.slope_map @ v)
 
 
-def references(size: int, seed: int = 1) -> Vector:
+def references(size: int, seed: int = 1) -> np.ndarray:
     """Slow and fast sines over most of the range, with spikes beyond it, NaN, infinities and huge numbers."""
     k, rng = np.arange(size), np.random.default_rng(seed)
     t = k * SAMPLE_TIME
@@ -54,8 +57,8 @@ class Expected:
 
     model: HysteresisCreepModel
     settings: ExportSettings
-    samples: Vector
-    x: Vector
+    samples: np.ndarray
+    x: np.ndarray
     events: tuple[int, ...] = ()
 
 
@@ -79,7 +82,7 @@ class Stage:
         self.noise = 0.03 * np.random.default_rng(3).standard_normal(size)
         self.faulty, self.gain, self.done = faulty, gain, 0
 
-    def __call__(self, x: Vector) -> Vector:
+    def __call__(self, x: np.ndarray) -> np.ndarray:
         """Measured output for samples of the drive."""
         k = np.arange(self.done, self.done + x.size)
         self.done += x.size
@@ -99,7 +102,7 @@ LOOPS = (*SOLVERS, "continuous")
 """The solvers in cyclic mode, and continuous mode."""
 
 
-def loop_of(kind: str) -> dict[str, Any]:
+def loop_of(kind: str) -> dict[str, str]:
     """Solver and mode."""
     continuous = kind == "continuous"
     return {"solver": "box_active_set" if continuous else kind, "mode": "continuous" if continuous else "cyclic"}
@@ -134,3 +137,30 @@ def learning(
     x = np.append(x, learner.step(y_ref[-1], np.nan))  # as in C, nothing is observed after the last drive
     settings = ExportSettings(part="learning", x_limits=LIMITS, integral_gain=integral_gain, **loop, **PHASES)
     return Expected(start, settings, np.column_stack([y_ref, np.concatenate([[np.nan], y])]), x, events)
+
+
+def write_sources(folder: Path, model: HysteresisCreepModel, settings: ExportSettings) -> None:
+    """Write the export to an existing folder."""
+    write_files(folder, export(model, settings))
+
+
+def build(folder: Path, source: str, compiler: str, *flags: str) -> Path:
+    """Build a program of this folder, replay.c or emulated.c, with the export in another."""
+    target = folder / source.removesuffix(".c")
+    units = sorted(path for path in folder.glob("piezo*.c"))
+    words = [program(compiler), "-std=c99", *flags, "-I", folder, Path(__file__).with_name(source), *units]
+    subprocess.run([*words, "-o", target, "-lm"], check=True)
+    return target
+
+
+def replay(built: Path, samples: np.ndarray) -> tuple[np.ndarray, tuple[int, ...]]:
+    """Drives (N,) for references (N,), with learning (N, 2) beside them the outputs measured before.
+
+    With learning the events, too: hand-overs, refusals, faults of the sensor, numerical faults, late offers, dropped
+    blocks.
+    """
+    source, target = built.with_suffix(".in"), built.with_suffix(".out")
+    np.ascontiguousarray(samples, dtype=np.float64).tofile(source)
+    done = subprocess.run([built, source, target], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return np.fromfile(target), tuple(map(int, done.stderr.split()))

@@ -147,14 +147,17 @@ def spoiled_tables(table: pa.Table) -> Iterator[tuple[str, pa.Table]]:
 
 PYTHON = "' + @pd.io.common.os.system('touch HARMED') + '"
 """Runs a command where it stands between quotes in a filter that pandas evaluates."""
-SCRIPT = "'] || (document.title = 'harmed') || ['\"}</script><script>document.title = 'harmed'</script>"
+SCRIPT = (
+    "'] || (document.title = 'harmed') || ['\"}</script><script>document.title = 'harmed'</script>"
+    "<img src=x onerror=document.title='harmed'>"
+)
 """Runs JavaScript where it stands between quotes in an expression of Vega, or as markup."""
 FORMAT = "{0.__class__.__mro__}{{ 7 * 7 }}%s${HOME}$(touch HARMED)`touch HARMED`"
 PAYLOADS = (PYTHON, SCRIPT, FORMAT)
 
 
-NEEDED = ("status", "settings", "machine")
-"""Columns without whose texts a run is refused."""
+NEEDED = ("status", "settings", "machine", "problem_set")
+"""Columns without whose texts a run is refused; with the last, names of files would be too long."""
 
 
 def hostile_texts(schema: pa.Schema, together: bool) -> list[tuple[list[str], Sequence[str]]]:
@@ -188,7 +191,7 @@ def make_hostile(run: Run, file: str, columns: Iterable[str], payloads: Sequence
     for name in columns:
         texts = [
             json.dumps({**json.loads(text), payload: payload})
-            if name == "settings"
+            if name in ("setting", "settings")
             else text + (payload.replace("/", "") if name in PATTERNS else payload)
             for text, payload in zip(table[name].to_pylist(), cycle(payloads), strict=False)
         ]

@@ -8,7 +8,6 @@ import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from solvers.protocol import Lane
 TASKS = [Task("set", f"problem{i}", "scaled", "daqp", Lane.DIRECT, NO_SETTING, d=18) for i in range(2)]
 
 
-def carry_on(folder: Path, settings: dict[str, Any]) -> None:
+def carry_on(folder: Path, settings: dict[str, object]) -> None:
     """Start or resume a run, and finish it."""
     try:
         run = Run.open(folder / "run")
@@ -41,12 +40,12 @@ def carry_on(folder: Path, settings: dict[str, Any]) -> None:
         run.finish()
 
 
-def stop_before_each_step(whole: Path, copies: Path, settings: dict[str, Any]) -> None:
+def stop_before_each_step(whole: Path, copies: Path, settings: dict[str, object]) -> None:
     """Finish a run, with a copy of its folder as it was before each step, and then every copy; in a process of its own,
     which keeps the hook."""
     copying = False
 
-    def hook(event: str, arguments: tuple[Any, ...]) -> None:
+    def hook(event: str, arguments: tuple[object, ...]) -> None:
         nonlocal copying
         if not copying and any(str(argument).startswith(str(whole)) for argument in arguments):
             copying = True

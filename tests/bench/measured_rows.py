@@ -1,9 +1,7 @@
 """Tables of measurements in the schema of the one-shot race: a test sets the columns that it needs, and the others have
 default values."""
 
-from collections.abc import Iterable, Mapping, Sequence
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -43,7 +41,7 @@ ORDINARY: Row = {
 }
 
 
-def row(**known: Any) -> Row:
+def row(**known: object) -> Row:
     """A measurement: by default the right answer of a library in a microsecond."""
     found = complete(**{**ORDINARY, **known})
     of_all_repeats = [
@@ -54,7 +52,7 @@ def row(**known: Any) -> Row:
     return {**found, "task": "-".join(of_all_repeats), **derived, **known}
 
 
-def ladder(gaps: Mapping[str, Sequence[float]], **known: Any) -> list[Row]:
+def ladder(gaps: dict[str, list[float]], **known: object) -> list[Row]:
     """The settings s0, s1, … of a solver on some problems by their cost gaps, from loose to tight; NaN is a setting
     that failed.
 
@@ -80,13 +78,13 @@ def ladder(gaps: Mapping[str, Sequence[float]], **known: Any) -> list[Row]:
     return found
 
 
-def steps(gaps: Mapping[str, Sequence[float]], **known: Any) -> list[Row]:
+def steps(gaps: dict[str, list[float]], **known: object) -> list[Row]:
     """The paper's method of 100 and of 15 200 steps."""
     settings, periods = ['{"steps": 100}', '{"steps": 15200}'], [100.0, 15_200.0]
     return ladder(gaps, solver=PAPER, lane="kernel", settings=settings, periods=periods, **known)
 
 
-def table(rows: Iterable[Row]) -> pd.DataFrame:
+def table(rows: list[Row]) -> pd.DataFrame:
     """The rows as a run returns them."""
     return pa.Table.from_pylist(list(rows), ROWS).to_pandas()
 
@@ -101,6 +99,6 @@ def is_right(found: SimpleNamespace, tier: Tier) -> bool:
     return bool(right(table([vars(found)]), tier).item())
 
 
-def measured(rows: Iterable[Row]) -> Measurements:
+def measured(rows: list[Row]) -> Measurements:
     """Measurements of these rows, without raw times."""
     return Measurements(table(rows), TIMES.empty_table().to_pandas())

@@ -14,13 +14,11 @@ import faulty_solvers
 import hostile_files
 import pandas as pd
 import pytest
-from browser import Browser
 from command_line import CommandLine, Finished
 from programs import library
 
 from bench.derived.measurements import Measurements
 from bench.messages.task import Row
-from bench.race_table import ROWS
 from bench.store import Run
 from bench.timing import cores
 
@@ -135,23 +133,6 @@ def race_of(piezobench: CommandLine, out: Path, name: str, *words: object) -> Ra
 def raced(piezobench: CommandLine, out: Path, name: str, *words: object) -> Race:
     """A small one-shot race with further options."""
     return race_of(piezobench, out, name, *(SMALL[2:] if "--set" in words else SMALL), *words)
-
-
-def assert_harmless(piezobench: CommandLine, browser: Browser, run: Run, folder: Path, labels: bool) -> None:
-    """Code in the texts of a run is not evaluated in its report: in all of them but the needed ones if ``labels``, else
-    in one column after the other."""
-    for number, (columns, payloads) in enumerate(hostile_files.hostile_texts(ROWS, labels)):
-        copy = Run(folder / f"{'-'.join(columns)[:40]}-{number}")
-        shutil.copytree(run.path, copy.path)
-        hostile_files.make_hostile(copy, "rows.parquet", columns, payloads)
-        call = piezobench("report", copy.path, folder=folder)
-        assert not list(folder.rglob("HARMED")), (columns, payloads)
-        if call.status:
-            assert call.refusal
-        else:
-            browser.open(copy.path / "report.html")
-            assert browser.console() == []
-            assert browser.run("return document.title").endswith(copy.path.name)
 
 
 @pytest.fixture(scope="session")

@@ -6,7 +6,6 @@ import shutil
 import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -89,7 +88,7 @@ def use_model(path: Path) -> None:
     ],
 )
 def test_a_damaged_file_of_ours_is_refused_in_a_sentence_that_names_it(
-    tmp_path: Path, write: Callable[[Path], None], use: Callable[[Path], Any]
+    tmp_path: Path, write: Callable[[Path], None], use: Callable[[Path], object]
 ) -> None:
     path, sentences = tmp_path / "it.json", set[str]()
     write(path)
@@ -100,7 +99,7 @@ def test_a_damaged_file_of_ours_is_refused_in_a_sentence_that_names_it(
     assert sum(str(path) in sentence for sentence in sentences) > 100
 
 
-def refusal(what: str, path: Path, use: Callable[[Any], Any], given: Any, refused: type[ValueError]) -> str:
+def refusal(what: str, path: Path, use: Callable[[object], object], given: object, refused: type[ValueError]) -> str:
     """The sentence that refuses the file by name, or "" if it is used; any other exception fails the test."""
     try:
         use(given)
@@ -156,9 +155,7 @@ def test_a_run_whose_settings_do_not_fit_is_refused_by_file_and_field(run: Run) 
         ("sentinel.parquet", Run.sentinel_samples),
     ],
 )
-def test_a_table_that_does_not_fit_is_refused_by_file_and_column(
-    run: Run, file: str, read: Callable[[Run], Any]
-) -> None:
+def test_a_table_that_does_not_fit_is_refused_by_file_and_column(run: Run, file: str, read: Callable) -> None:
     path = run.path / file
     whole = path.read_bytes()
     table, good = parquet.read_table(path), read(run)

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 import slowed_solver
 from box_programs import many_weak_rows
-from command_line import CommandLine, python
-from example_scripts import run_example
+from command_line import CommandLine, python, run_example
 from hostile_files import spoiled
 from qpsolvers import Problem
 from scipy.sparse import csc_matrix

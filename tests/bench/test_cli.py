@@ -6,7 +6,6 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 
@@ -48,12 +47,16 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_table(folder / "volts.csv", {"time_s": t, "reference_V": t})
     for name in ("empty", "foreign", "broken", "full"):
         (folder / name).mkdir()
+    np.savez(folder / "foreign" / "indefinite.npz", P=np.diag([1.0, -1.0]), q=np.zeros(2))
     for name, text in (
         ("two.csv", "\n".join([header, *rows[:2]])),
         ("text.csv", "\n".join([header, *rows])),
         ("broken.xlsx", "PK"),
         ("nan.csv", "time_s,reference_um\n0,1\n0.001,NaN\n0.002,1\n"),
+        ("fleet.csv", "time_s,reference_um\n0,1\n0.001,1\n0.002,1\n"),
+        ("path-drive.csv", "time_s,reference_um\n0,1\n0.001,1\n0.002,1\n"),
         ("file", ""),
+        ("empty.py", ""),
         ("full/it.fmu", "mine"),
         ("foreign/run.json", "{}"),
         ("broken/run.json", '{"settings": {'),
@@ -185,6 +188,8 @@ OWN = "The model was fitted to this recording, so its errors say little about ot
 IDENTIFY = ("identify", "stage.csv", "--out", "other.json")
 COMPENSATE = ("compensate", "model.json", "path.csv", "--out", "drive.csv")
 RACE = ("race", "--limit", 1, "--lane", "direct", "--solver", "daqp")
+DEPLOY = ("deploy", REFERENCE, "--out", "c.json")
+SIMULATED = (*DEPLOY, "--simulated")
 EXCITE = ("excite", "--out", "excited.csv", "--rate")
 LIVE = ("live", "--no-page", "--simulate", "duhem")
 CORES = len(cores.usable())
@@ -356,6 +361,10 @@ CORES = len(cores.usable())
         ((*RACE, "--set", "hard"), ["no problem set 'hard'", "paper"]),
         ((*RACE, "--name", "a/b"), ["a/b"]),
         ((*RACE, "--name", "r\udcff"), ["is not text in UTF-8"]),
+        *(
+            ((*RACE, "--name", name), ["the name of a run must be one line"])
+            for name in ("", ".", "..", "/tmp/a", ".hidden")
+        ),
         ((*RACE, "--out", "file"), ["file"]),
         ((*RACE, "--out", "/proc/results"), ["/proc/results"]),
         ((*RACE, "--out", "empty/..", "--name", "empty"), ["empty", "already exists"]),
@@ -382,6 +391,7 @@ CORES = len(cores.usable())
         (("problems", "--set", "unheard"), ["there is no problem set 'unheard'; known are boxes, drift, "]),
         (("problems", "--from", "nowhere"), ["nowhere: is not a folder"]),
         (("problems", "--verify"), ["needs problems; name a --set"]),
+        (("problems", "--verify", "--from", "foreign"), ["indefinite.npz: holds no array"]),
         # Drives for a recording.
         ((*EXCITE, "500", "--range", "0-100"), ["'0-100' is not two numbers in ascending order, such as 0:100"]),
         ((*EXCITE, "500", "--range", "9:1"), ["--range: '9:1' is not two numbers in ascending order"]),
@@ -401,6 +411,13 @@ CORES = len(cores.usable())
         (("identify", "a.csv", "--out-dir", "s3://bucket/models"), ["s3://bucket/models: is a URL"]),
         (("identify", "*.xyz", "--out-dir", "models"), ["*.xyz: no file matches"]),
         (("identify", "a.csv", "--out-dir", "models", "--backend", "dask"), ["--scheduler"]),
+        *(
+            (
+                ("compensate", "model.json", "path.csv", name, "--out-dir", "."),
+                [f"{name}: would be overwritten; name another --out-dir"],
+            )
+            for name in ("fleet.csv", "path-drive.csv")
+        ),
         # Controllers on a schedule.
         (("realtime", "nothing.json"), ["nothing.json: there is no such file"]),
         (("realtime", "model.json", "--rate", 0), ["--rate"]),
@@ -435,7 +452,27 @@ CORES = len(cores.usable())
         ((*LIVE, "--rate", 1e6), ["--rate': Input should be less than or equal to 10000"]),
         ((*LIVE, "--record", "run.csv"), ["must end in .parquet"]),
         ((*LIVE, "--set-point", 300), ["the set point must be a number from -20 to 20 µm, not 300"]),
+        # Comparisons and decisions.
         (("compare", REFERENCE), ["two runs or more"]),
+        (("compare", "--versions", "a.py"), ["two versions are compared, A.py and B.py"]),
+        (("compare", "--versions", "a.py", "a.py", "a.py"), ["two versions are compared, A.py and B.py"]),
+        (("compare", "--versions", "empty.py", "empty.py"), ["empty.py: must define one Solver class"]),
+        (("compare", "--versions", "empty.py", "empty.py", "--out", "c"), ["is for runs"]),
+        (("compare", "a.py", "a.py", "--set", "measured"), ["needs --versions"]),
+        ((*SIMULATED, "--accuracy", 1e-60), ["has a cost gap or violation above 1e-60 on"]),
+        ((*SIMULATED, "--deadline", 1), ["no solver qualifies; the nearest, "]),
+        ((*SIMULATED, "--lane", "cvxpy"), ["no solver qualifies; the nearest, "]),
+        ((*SIMULATED, "--deadline", 0.001), ["a solver that does nothing misses"]),
+        ((*SIMULATED, "--problem", "paper/none"), ["has no problem 'paper/none'; there are "]),
+        (DEPLOY, ["holds no model of your actuator; give one with --model"]),
+        (
+            (*DEPLOY, "--problem", "paper/duhem-staircase"),
+            ["is a simulated actuator; give a model with --model, or --simulated"],
+        ),
+        *(
+            ((*SIMULATED[:-2], out, "--simulated"), [f"--out: {out} is in {REFERENCE}, which this command reads"])
+            for out in (REFERENCE / "run.json", REFERENCE / "misses" / "new.json")
+        ),
         # Folders that are no run.
         *(
             ((verb, name), [name])
@@ -448,8 +485,8 @@ CORES = len(cores.usable())
 @pytest.mark.usefixtures("identified")
 def test_an_invalid_call_is_refused_in_one_sentence_and_changes_no_file(
     desk: Path,
-    words: Sequence[object],
-    parts: Sequence[str],
+    words: tuple[object, ...],
+    parts: list[str],
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -464,19 +501,30 @@ def test_an_invalid_call_is_refused_in_one_sentence_and_changes_no_file(
 # Where results go.
 
 
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("verb", ["identify", "compensate"])
-def test_a_disk_that_is_full_leaves_the_old_output_as_it_was(
-    piezobench: CommandLine, desk: Path, identified: None, tmp_path: Path, verb: str
+@pytest.mark.parametrize(
+    ("words", "out", "largest_file", "message"),
+    [
+        (("identify", "stage.csv", "--out"), "out.csv", 1000, r"out\.csv.*File too large"),
+        (("compensate", "model.json", "path.csv", "--out"), "out.csv", 1000, r"out\.csv.*File too large"),
+        (("export-c", "model.json"), "c", 2000, "cannot be written"),
+        (("export-fmu", "model.json"), "it.fmu", 3000, ""),
+    ],
+    ids=lambda each: each[0] if isinstance(each, tuple) else "",
+)
+def test_a_disk_that_is_full_leaves_the_old_output_as_it_was_and_no_half_written_folder_or_file(
+    piezobench: CommandLine,
+    desk: Path,
+    identified: None,
+    tmp_path: Path,
+    words: tuple[str, ...],
+    out: str,
+    largest_file: int,
+    message: str,
 ) -> None:
     for name in ("stage.csv", "path.csv", "model.json"):
         shutil.copy(desk / name, tmp_path)
     (tmp_path / "out.csv").write_text("old")
-    arguments = {"identify": ["stage.csv"], "compensate": ["model.json", "path.csv"]}[verb]
-    # First without the limit, to write the cache of compiled code, which consists of files, too.
-    assert piezobench(verb, *arguments, "--out", "first.csv", folder=tmp_path).status == 0
-    sentence = refused(piezobench, tmp_path, verb, *arguments, "--out", "out.csv", largest_file=1000)
-    assert re.search(r"out\.csv.*File too large", sentence)
+    assert re.search(message, refused(piezobench, tmp_path, *words, out, largest_file=largest_file))
 
 
 # Races.

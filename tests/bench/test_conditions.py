@@ -6,7 +6,6 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,7 +18,7 @@ from bench.timing import cores, machine
 HOLD = "from bench.timing import cores; core = cores.claim(); print(core.number, flush=True); input()"
 
 
-def quiet(**change: Any) -> dict[str, Any]:
+def quiet(**change: object) -> dict[str, object]:
     return {
         "host": "one",
         "core": 1,
@@ -41,12 +40,12 @@ def test_counters_of_this_machine_only_grow() -> None:
     assert 0.0 <= between["steal_percent"] <= 100.0
 
 
-def drifts(*notes: dict[str, Any]) -> list[str]:
+def drifts(*notes: dict[str, object]) -> list[str]:
     """What is said of samples of the sentinel."""
     return sentinel.sentences(sentinel.table([{"host": "here", "core": 0, **note} for note in notes]))
 
 
-def samples(*levels: float) -> dict[str, Any]:
+def samples(*levels: float) -> dict[str, object]:
     return {"sentinel": [(float(i), [round(1e5 * level)] * 5) for i, level in enumerate(levels)]}
 
 

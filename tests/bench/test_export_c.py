@@ -20,12 +20,14 @@ from exported_loops import (
     Expected,
     Stage,
     a_model,
+    build,
     compensation,
     learning,
     loop_of,
     references,
+    replay,
+    write_sources,
 )
-from exported_programs import build, replay, write_sources
 from programs import program
 
 from bench.cli.export_verbs import _opened
@@ -498,15 +500,3 @@ def test_every_verb_that_takes_a_model_takes_a_compensator_of_deploy(
     assert (drive.min(), drive.max()) == (10.0, 120.0)  # its limits
     call = piezobench("export-fmu", desk / "deployed.json", tmp_path / "it.fmu")
     assert "It compensates and does not learn; export-c writes the self-learning loop" in " ".join(call.stdout.split())
-
-
-@pytest.mark.parametrize(
-    ("verb", "out", "largest_file", "message"),
-    [("export-c", "c", 2000, "cannot be written"), ("export-fmu", "it.fmu", 3000, "")],
-)
-def test_a_full_disk_leaves_no_half_written_folder_or_file(
-    piezobench: CommandLine, desk: Path, tmp_path: Path, verb: str, out: str, largest_file: int, message: str
-) -> None:
-    call = piezobench(verb, desk / "model.json", out, folder=tmp_path, largest_file=largest_file)
-    assert message in call.refusal
-    assert list(tmp_path.iterdir()) == []

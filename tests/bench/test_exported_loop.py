@@ -16,8 +16,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import CommandLine, hears_its_terminal, pacing, wait_until, wait_until_gone
-from exported_loops import DYNAMICS, LIMITS, LOOPS, Expected, a_model, compensation, learning, loop_of
-from exported_programs import build, write_sources
+from exported_loops import (
+    DYNAMICS,
+    LIMITS,
+    LOOPS,
+    Expected,
+    a_model,
+    build,
+    compensation,
+    learning,
+    loop_of,
+    write_sources,
+)
 from programs import program
 
 from bench.export.building import EXACT, WARNINGS, write_files

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from command_line import CommandLine, Finished, contents, kill_worker, wait_until_gone
+from command_line import CommandLine, Finished, kill_worker, wait_until_gone
 from recording_files import text_file
 from small_races import TWO_CORES
 
@@ -155,18 +155,6 @@ def test_a_repeated_fleet_deletes_no_model_of_a_recording_that_is_gone_and_names
     chosen[1].write_bytes(recordings[1].read_bytes())
     piezobench.run("identify", *chosen, *words)
     assert kept_files(out) == before
-
-
-@pytest.mark.parametrize("recording", ["fleet.csv", "a-drive.csv"])
-def test_a_fleet_that_would_replace_one_of_its_recordings_is_refused(
-    piezobench: CommandLine, serial: tuple[Path, Finished], tmp_path: Path, recording: str
-) -> None:
-    for name in ("a.csv", recording):
-        write_table(tmp_path / name, {"time_s": np.arange(200) * SAMPLE_TIME, "reference_um": np.ones(200)})
-    before = contents(tmp_path)
-    call = piezobench("compensate", serial[0] / "stage0.json", "a.csv", recording, "--out-dir", ".", folder=tmp_path)
-    assert f"{recording}: would be overwritten; name another --out-dir" in call.refusal
-    assert contents(tmp_path) == before
 
 
 AGAIN = "finished recordings are kept; run the same command to continue"

@@ -17,7 +17,7 @@ import scipy.sparse as sp
 from box_programs import many_weak_rows
 from command_line import CommandLine, python
 from measured_rows import is_right, judged
-from program_files import dense, draw, same_problem, write_mat, write_qps
+from program_files import DRAWN, dense, same_problem
 from programs import library
 from qpsolvers import Problem
 from small_races import race_of
@@ -40,9 +40,8 @@ from solvers.certificate import NotCertified, verify
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A program in each format, and programs without a proof."""
     path = tmp_path_factory.mktemp("programs")
-    write_mat(path / "drawn.mat", draw(0))
-    write_qps(path / "drawn.QPS", draw(0))
-    write_qps(path / "other.mps", draw(1))
+    for source, name in (("drawn.mat", "drawn.mat"), ("drawn.mps", "drawn.QPS"), ("other.mps", "other.mps")):
+        shutil.copy(DRAWN / source, path / name)
     eye, zero, one = np.eye(2), np.zeros(2), np.ones(2)
     for name, program in {
         "dense": {"P": eye, "q": -one, "G": np.array([[1.0, 1.0]]), "h": np.array([1.0]), "c": 2.0},
@@ -93,9 +92,9 @@ def test_a_saved_problem_with_nan_is_left_out(tmp_path: Path) -> None:
     assert "nan" in left_out["bound"]
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_scaling_is_by_powers_of_two_and_rounds_nothing(tmp_path: Path, seed: int) -> None:
-    qp = read(write_mat(tmp_path / "drawn.mat", draw(seed))).qp
+@pytest.mark.parametrize("name", ["drawn.mps", "other.mps"])
+def test_scaling_is_by_powers_of_two_and_rounds_nothing(name: str) -> None:
+    qp = read(DRAWN / name).qp
     badly = np.exp2(np.arange(qp.q.size) * 3 - 17)
     qp = Problem(
         sp.csc_matrix(sp.diags(badly) @ qp.P @ sp.diags(badly)),
@@ -329,15 +328,14 @@ def test_rows_are_judged_by_the_distance_to_the_nearest_feasible_point(
 def test_a_folder_without_programs_and_an_invalid_limit_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ProblemSetError, match=r"holds no program; programs are read from \.npz, \.mat, \.qps, \.mps"):
         make("foreign", options={"folder": str(tmp_path)})
-    write_mat(tmp_path / "drawn.mat", draw(0))
     for work in ("soon", "nan", "0.5"):
         with pytest.raises(ProblemSetError, match=f"work must be a number of bit operations, not '{work}'"):
-            make("foreign", options={"folder": str(tmp_path), "work": work})
+            make("foreign", options={"folder": str(DRAWN), "work": work})
 
 
 def test_every_file_of_a_folder_is_read_or_named(piezobench: CommandLine, tmp_path: Path) -> None:
-    whole = write_qps(tmp_path / "drawn.qps", draw(0))
-    for name in ("one.SIF", "README.md", ".hidden.lp", "piezobench_x.py", "model.lp", "archive.tar.gz", "P.npy"):
+    whole, others = DRAWN / "drawn.mps", ("README.md", ".hidden.lp", "piezobench_x.py", "model.lp")
+    for name in ("drawn.qps", "one.SIF", *others, "archive.tar.gz", "P.npy"):
         shutil.copy(whole, tmp_path / name)
     (tmp_path / "two.v1.Mps.gz").write_bytes(gzip.compress(whole.read_bytes()))
     (tmp_path / "folder.lp").mkdir()

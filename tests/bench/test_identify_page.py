@@ -191,13 +191,17 @@ def creeping(rates: tuple[float, ...], w_K: tuple[float, ...]) -> Recording:
     return recording(x, truth.simulate(x, start) + np.random.default_rng(0).normal(0.0, 0.01, x.size))
 
 
-def test_the_orders_are_those_that_the_data_were_made_with() -> None:
-    model = identify(creeping((), ()), lag="ignore")
+def test_the_orders_are_those_of_the_data_and_errors_of_candidates_those_of_their_forward_fits() -> None:
+    made = creeping((), ())
+    model = identify(made, lag="ignore")
     assert (model.structure.n, model.structure.dead_zones, model.structure.creep_rates) == (2, 1, ())
     table = model.report["selection"]["table"]
     assert (table[0]["n"], table[0]["m"], table[0]["standing"]) == (2, 0, "chosen")
     assert [row["bic"] for row in table] == sorted(row["bic"] for row in table)
     assert len(table) == model.report["selection"]["tried"] > 20
+    for row in table[:3]:
+        fit = identify(made, n=row["n"], m=row["m"], lag="ignore").report["fit"]
+        assert row["error_percent"] == pytest.approx(fit["rms_percent"], rel=0.02)
 
 
 def test_given_orders_and_rates_are_kept() -> None:
@@ -207,11 +211,3 @@ def test_given_orders_and_rates_are_kept() -> None:
         found = {"n": s.n, "m": s.dead_zones // 2, "creep_rates": s.creep_rates}
         assert {name: found[name] for name in given} == given
     assert "selection" not in identify(made, n=3, m=1, creep_rates=(1.0,), lag="ignore").report
-
-
-def test_errors_of_candidates_are_those_of_their_forward_fits() -> None:
-    made = creeping((), ())
-    table = identify(made, lag="ignore").report["selection"]["table"]
-    for row in table[:3]:
-        fit = identify(made, n=row["n"], m=row["m"], lag="ignore").report["fit"]
-        assert row["error_percent"] == pytest.approx(fit["rms_percent"], rel=0.02)

@@ -29,7 +29,6 @@ from command_line import (
     wait_until_gone,
     without_waiting,
 )
-from numpy.typing import NDArray
 
 from bench.live.session import stream_beside
 from bench.timing import cores
@@ -224,7 +223,7 @@ def drawn() -> list[tuple[str, int]]:
     return [("hangs", -1), *((kind, seed) for seed, kind in enumerate(kinds))]
 
 
-def recorded(path: Path, column: str = "drive_V") -> NDArray[np.float64]:
+def recorded(path: Path, column: str = "drive_V") -> np.ndarray:
     """The drives, or another column, that were recorded: in the file, or in the stream beside it, whose run may have
     been killed before its first batch, or before there was a stream."""
     stream = stream_beside(path)

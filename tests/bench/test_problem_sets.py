@@ -276,14 +276,6 @@ def test_both_scalings_have_the_same_optimal_weights(first: RaceProblem) -> None
     np.testing.assert_allclose(raw, scaled, rtol=0.0, atol=1e-6 * abs(scaled).max())
 
 
-def test_a_problem_is_saved_and_loaded_to_the_last_bit(first: RaceProblem, tmp_path: Path) -> None:
-    first.save(tmp_path / "problem.npz")
-    loaded = RaceProblem.load(tmp_path / "problem.npz")
-    assert loaded.set_name == first.set_name
-    assert same_problem(loaded, first)
-    assert [path.name for path in tmp_path.iterdir()] == ["problem.npz"]
-
-
 def test_the_same_seed_gives_the_same_bits_and_another_seed_another_problem(paper: list[RaceProblem]) -> None:
     again, other = (next(find("paper")(seed=seed).problems()) for seed in (0, 1))
     assert same_problem(again, paper[0])

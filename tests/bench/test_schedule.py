@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from fractions import Fraction
 from math import ceil, comb
-from typing import Any
 
 import numpy as np
 import pytest
@@ -30,7 +29,7 @@ class Clock:
         self.slept += 1
 
 
-def run_on(clock: Clock, samples: int, service: Callable[[int], int], **options: Any) -> tuple[Timeline, list[int]]:
+def run_on(clock: Clock, samples: int, service: Callable[[int], int], **options: object) -> tuple[Timeline, list[int]]:
     """A timeline of solves that take ``service(j)`` ns, and the samples of the updates."""
     updated: list[int] = []
 

@@ -118,13 +118,6 @@ def test_only_one_process_may_work_on_a_run(clean_race: Race, piezobench: Comman
             assert not run.is_finished()
 
 
-@pytest.mark.parametrize("name", ["", ".", "..", "a/b", "/tmp/a", ".hidden"])
-def test_a_run_is_named_like_one_folder(tmp_path: Path, name: str) -> None:
-    with pytest.raises(RunError, match="the name of a run must be one line"):
-        Run.create(tmp_path / "results", {}, name)
-    assert not list(tmp_path.iterdir())
-
-
 def test_a_run_that_is_finished_or_has_a_task_is_not_discarded(clean_race: Race, tmp_path: Path) -> None:
     clean_race.copied(tmp_path / "finished").discard()
     assert (tmp_path / "finished" / "rows.parquet").is_file()

@@ -1,17 +1,14 @@
 """Model, inverse and compensator in python-control: the same trajectories, alone, in series and in a closed loop."""
 
-from typing import Any
-
 import numpy as np
 import pytest
-from example_scripts import run_example
+from command_line import run_example
 from exported_loops import a_model
 from hypothesis import given, settings
 from programs import library
 from random_models import Case, cases, drive
 
 from piezo_model import Compensator, ModelStructure, OperatorState
-from solvers.arrays import Vector
 
 control = library("control")
 from control_systems import compensator_system, initial_states, inverse_system, model_system  # noqa: E402
@@ -19,7 +16,7 @@ from control_systems import compensator_system, initial_states, inverse_system, 
 SAMPLES = 60
 
 
-def response(system: Any, u: Vector, z: Vector) -> Vector:
+def response(system, u: np.ndarray, z: np.ndarray) -> np.ndarray:
     return np.asarray(control.input_output_response(system, np.arange(u.size) * system.dt, u, z).outputs)
 
 

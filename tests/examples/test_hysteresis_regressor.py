@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from example_scripts import run_example
+from command_line import run_example
 from programs import library
 
 from piezo_model import ModelStructure, identify, plants
 from piezo_model.signals import multi_sine
-from solvers.arrays import Vector
 
 library("sklearn")
 from hysteresis_regressor import HysteresisRegressor  # noqa: E402
@@ -24,7 +23,7 @@ SAMPLE_TIME = 1e-3
 
 
 @pytest.fixture(scope="module")
-def recording() -> tuple[Vector, Vector]:
+def recording() -> tuple[np.ndarray, np.ndarray]:
     x = multi_sine(duration_s=6.0, sample_time=SAMPLE_TIME, low=0.0, high=150.0)
     return x[:, None], plants.get("dense_prandtl_ishlinskii", creep_share=0.0).run(x)
 
@@ -60,7 +59,7 @@ def test_run_alone_it_finds_the_larger_model_better() -> None:
     assert chosen == "chosen: n = 4, m = 2"
 
 
-def test_cross_validation_scores_what_was_not_fitted(recording: tuple[Vector, Vector]) -> None:
+def test_cross_validation_scores_what_was_not_fitted(recording: tuple[np.ndarray, np.ndarray]) -> None:
     scores = cross_val_score(
         HysteresisRegressor(sample_time=SAMPLE_TIME), *recording, cv=TimeSeriesSplit(n_splits=3), error_score="raise"
     )
@@ -78,14 +77,14 @@ def test_cross_validation_scores_what_was_not_fitted(recording: tuple[Vector, Ve
     ],
 )
 def test_a_table_without_a_drive_or_with_anything_at_rest_is_refused(
-    recording: tuple[Vector, Vector], column: int | None, table: int, output: float, sentence: str
+    recording: tuple[np.ndarray, np.ndarray], column: int | None, table: int, output: float, sentence: str
 ) -> None:
     X, y = recording
     with pytest.raises(ValueError, match=sentence):
         HysteresisRegressor(column=column).fit(np.hstack([X] * table) if table else np.ones_like(X), output * y)
 
 
-def test_the_fit_is_that_of_identify(recording: tuple[Vector, Vector]) -> None:
+def test_the_fit_is_that_of_identify(recording: tuple[np.ndarray, np.ndarray]) -> None:
     X, y = recording
     x = X[:, 0]
     structure = ModelStructure.equidistant(
@@ -97,7 +96,7 @@ def test_the_fit_is_that_of_identify(recording: tuple[Vector, Vector]) -> None:
     np.testing.assert_array_equal(regressor.predict(X), expected.simulate(x))
 
 
-def test_the_chosen_column_is_the_drive(recording: tuple[Vector, Vector]) -> None:
+def test_the_chosen_column_is_the_drive(recording: tuple[np.ndarray, np.ndarray]) -> None:
     X, y = recording
     table = np.hstack([np.arange(y.size)[:, None] * SAMPLE_TIME, X])
     found = HysteresisRegressor(column=1, sample_time=SAMPLE_TIME).fit(table, y).predict(table)

@@ -7,7 +7,7 @@ import actuators
 import pandas as pd
 import pytest
 from bank import by_count
-from example_scripts import run_example
+from command_line import run_example
 from two_axis_stage import QUICK, Setup
 
 PAGE = Path(__file__).parents[2] / "docs/what-to-record.md"

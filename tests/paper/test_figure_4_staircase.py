@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from example_scripts import run_example
+from command_line import run_example
 from programs import library
 
 pd = library("pandas")
