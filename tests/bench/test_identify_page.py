@@ -181,18 +181,13 @@ def test_thresholds_that_were_never_reached_are_named_in_a_finding() -> None:
     assert f"The drive never reached the thresholds of {', '.join(unreached)}, " in " ".join(found.sentences)
 
 
-def creeping(rates: tuple[float, ...], w_K: tuple[float, ...]) -> Recording:
-    """A true model of n = 2, m = 0 over many tones."""
-    truth = HysteresisCreepModel.from_weights(
-        ModelStructure.equidistant(2, 0, (0.0, 150.0), (-20.0, 20.0), rates, SAMPLE_TIME), [0.5, 0.4, 1.0, *w_K]
-    )
-    x = multi_sine(duration_s=16.0, sample_time=SAMPLE_TIME, low=0.0, high=150.0, highest_Hz=5.0)
-    start = OperatorState.settled_at(truth.structure, x[0])
-    return recording(x, truth.simulate(x, start) + np.random.default_rng(0).normal(0.0, 0.01, x.size))
-
-
 def test_the_orders_are_those_of_the_data_and_errors_of_candidates_those_of_their_forward_fits() -> None:
-    made = creeping((), ())
+    """Those of a true model of n = 2, m = 0 over many tones."""
+    structure = ModelStructure.equidistant(2, 0, (0.0, 150.0), (-20.0, 20.0), (), SAMPLE_TIME)
+    truth = HysteresisCreepModel.from_weights(structure, [0.5, 0.4, 1.0])
+    x = multi_sine(duration_s=16.0, sample_time=SAMPLE_TIME, low=0.0, high=150.0, highest_Hz=5.0)
+    y = truth.simulate(x, OperatorState.settled_at(structure, x[0]))
+    made = recording(x, y + np.random.default_rng(0).normal(0.0, 0.01, x.size))
     model = identify(made, lag="ignore")
     assert (model.structure.n, model.structure.dead_zones, model.structure.creep_rates) == (2, 1, ())
     table = model.report["selection"]["table"]
@@ -205,7 +200,7 @@ def test_the_orders_are_those_of_the_data_and_errors_of_candidates_those_of_thei
 
 
 def test_given_orders_and_rates_are_kept() -> None:
-    made = creeping((10.0, 0.3), (0.05, 0.03, 0.02))
+    made = recording(*signals())
     for given in ({"n": 3}, {"m": 1}, {"creep_rates": (20.0, 0.2)}, {"n": 4, "m": 0}):
         s = identify(made, lag="ignore", **given).structure
         found = {"n": s.n, "m": s.dead_zones // 2, "creep_rates": s.creep_rates}

@@ -210,7 +210,20 @@ def test_given_settings_are_raced_beside_the_defaults_in_place_of_the_ladder(
     piezobench: CommandLine, tmp_path: Path
 ) -> None:
     given = """osqp={"eps_abs": 1e-6, "eps_rel": 0.0, "max_iter": 100000}"""
-    few = ("--limit", 2, "--set", "measured", "--scaling", "scaled", "--rounds", 4, "--lane", "direct")
+    few = (
+        "--limit",
+        2,
+        "--set",
+        "measured",
+        "--scaling",
+        "scaled",
+        "--budget",
+        0.002,
+        "--rounds",
+        4,
+        "--lane",
+        "direct",
+    )
     race = race_of(piezobench, tmp_path, "run", *few, "--solver", "osqp", "--solver", "daqp", "--settings", given)
     rows = race.hot.query("solver == 'osqp'")
     assert {*zip(rows.rung, rows.is_default, strict=True)} == {(-1, True), (0, False)}

@@ -40,7 +40,7 @@ RANGES
     RNG       R1        5.0        R2        1.0
     RNG       R3        -2.0       R4        0.5
 BOUNDS
- UP BND       C1        20.0
+ UP BND       C1        0.75
  FR BND       C3
  UP BND       C2        -3.0
  MI BND       C4
@@ -69,7 +69,7 @@ def test_rows_ranges_bounds_and_the_quadratic_part_of_a_qps_file_are_read(tmp_pa
         np.vstack([rows, -rows]),
         np.array([7, 6, 1, 0.5, -2, -5, 1, 0]),
         lb=np.array([0, -inf, -inf, -inf]),
-        ub=np.array([20, -3, inf, inf]),
+        ub=np.array([0.75, -3, inf, inf]),
     )
     assert same(found.qp, expected)
     assert found.constant == 4.0
@@ -152,7 +152,7 @@ def test_names_may_contain_blanks_in_fixed_columns(tmp_path: Path) -> None:
     ("old", "new", "sentence"),
     [
         ("ENDATA", "", "ends without ENDATA"),
-        ("20.0", "2o", "line 23: '2o' is not a number"),
+        ("0.75", "2o", "line 23: '2o' is not a number"),
         (" UP BND       C1", " BV BND       C1", "line 23: the kind of bound 'BV'"),
         ("R4        1.0D0", "R9        1.0", "line 15: there is no row 'R9'"),
         ("    C3        C3        1E-12", "    C9        C3        1.0", "there is no column 'C9'"),
@@ -170,9 +170,9 @@ def test_names_may_contain_blanks_in_fixed_columns(tmp_path: Path) -> None:
         ("R2        6.0", "R2        -1E30", "line 18: no number is -1E30 or below, which the row 'R2' asks for"),
         ("COST      -4.0", "COST      inf", "line 17: 'inf' is not a finite number"),
         ("R1        5.0", "R1        NaN", "line 20: 'NaN' is not a number"),
-        ("C1        20.0", "C1        nan", "line 23: 'nan' is not a number"),
-        ("C1        20.0", "C1        1_0", "line 23: '1_0' is not a number"),
-        ("C1        20.0", "C1        -inf", "line 23: no value of the column 'C1' satisfies the bound -inf"),
+        ("C1        0.75", "C1        nan", "line 23: 'nan' is not a number"),
+        ("C1        0.75", "C1        1_0", "line 23: '1_0' is not a number"),
+        ("C1        0.75", "C1        -inf", "line 23: no value of the column 'C1' satisfies the bound -inf"),
         (
             " MI BND       C4",
             " UP BND       C2        9.0",
@@ -308,6 +308,7 @@ OF_ONE = {"P": np.eye(1), "q": np.ones(1), "x_l": np.zeros(1)}
         *((f"one{suffix}", OF_ONE, "holds x_l, which is not read") for suffix in (".npz", ".mat")),
         ("sides.npz", {"u": np.ones(2)}, "holds u, which is not read"),
         *((name, {key: value}, f"holds {key}, which is not read") for name, key, value in OTHER_NAMES),
+        *((f"{key}.npz", {key: np.ones(2)}, f"holds {key}, which is not read") for key in ("data", "shape")),
         ("rows.npz", {"G": np.ones((3, 2)), "h": np.ones(3), "h_low": np.ones(3)}, "holds h_low, which is not read"),
         ("columns.npz", {f"Aeq/{name}": value for name, value in SPARSE.items()}, "holds Aeq, which is not read"),
         ("object.npz", {"A_ub": np.array(sp.eye(2), dtype=object)}, "A_ub is stored as a Python object"),

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from command_line import run_example
-from programs import library
+from programs import ALL, library
 
 from piezo_model import ModelStructure, identify, plants
 from piezo_model.signals import multi_sine
@@ -32,7 +32,7 @@ def recording() -> tuple[np.ndarray, np.ndarray]:
 @parametrize_with_checks(
     [
         HysteresisRegressor(n=3, m=1, column=0, skip=0),
-        HysteresisRegressor(n=1, m=0, creep_rates=(100.0,), column=0, skip=0),
+        *[HysteresisRegressor(n=1, m=0, creep_rates=(100.0,), column=0, skip=0)] * ALL,
     ],
     expected_failed_checks=lambda _: dict.fromkeys(
         ("check_methods_sample_order_invariance", "check_methods_subset_invariance"),
@@ -52,6 +52,7 @@ def test_scikit_learn_finds_nothing_but_what_is_stated(estimator: Any, check: An
         check(estimator)
 
 
+@pytest.mark.slow
 def test_run_alone_it_finds_the_larger_model_better() -> None:
     *lines, chosen = run_example("adapters/hysteresis_regressor.py").splitlines()
     scores = {line.partition(":")[0]: float(line.split()[8]) for line in lines}
