@@ -1,8 +1,6 @@
 """Headless Chromium for tests of pages."""
 
-import base64
 import json
-import os
 import shutil
 import tempfile
 from collections.abc import Callable
@@ -88,22 +86,12 @@ class Browser:
         events = [json.loads(entry["message"])["message"] for entry in self.driver.get_log("performance")]
         return [event["params"]["request"]["url"] for event in events if event["method"] == "Network.requestWillBeSent"]
 
-    def picture(self, name: str) -> None:
-        """Save a screenshot of the whole page if PIEZOBENCH_SCREENSHOTS names a folder."""
-        if folder := os.environ.get("PIEZOBENCH_SCREENSHOTS"):
-            Path(folder).mkdir(parents=True, exist_ok=True)
-            taken = self.driver.execute_cdp_cmd(
-                "Page.captureScreenshot", {"captureBeyondViewport": True, "format": "png"}
-            )
-            Path(folder, f"{name}.png").write_bytes(base64.b64decode(taken["data"]))
-
     def sections(self, page: Path) -> list[str]:
         """Ids of the sections of a report; asserts that all plots are drawn and the page fits every screen."""
         for width, pixels in WIDTHS.items():
             self.open(page, width)
             assert self.console() == []
             assert all(plot["marks"] > 0 for plot in self.plots())
-            self.picture(f"{page.parent.name}-{width}")
             assert self.run("return document.documentElement.scrollWidth") <= pixels
         found: list[str] = self.run("return [...document.querySelectorAll('section[id]')].map(s => s.id)")
         return found

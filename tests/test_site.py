@@ -50,7 +50,6 @@ def test_a_page_is_drawn_on_every_screen_and_asks_nothing_of_the_network(
         for dark in (False, True):
             browser.open(f"{site}/{page}.html", width, dark)
             assert browser.run("return document.body.dataset.mdColorScheme") == ("slate" if dark else "default")
-            browser.picture(f"{page.replace('/', '-')}-{width}-{'dark' if dark else 'light'}")
             assert browser.console() == []
             assert all(address.startswith((site, "data:", "blob:")) for address in browser.requests())
             assert browser.run("return document.documentElement.scrollWidth") <= pixels

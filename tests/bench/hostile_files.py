@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import cycle
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -17,7 +17,6 @@ from bench.store import Run
 from bench.timing import machine
 from piezo_model import HysteresisCreepModel, ModelStructure
 
-T = TypeVar("T")
 STRUCTURE = ModelStructure.equidistant(
     n=3, m=1, x_range=(0.0, 10.0), y_range=(0.0, 5.0), creep_rates=(1.0,), sample_time=1e-3
 )
@@ -101,7 +100,7 @@ def spoiled(document: Any, at: tuple[str | int, ...], *tokens: str) -> list[byte
     return [f"{before}{token}{after}".encode() for token in tokens]
 
 
-def thinned(cases: Sequence[T], number: int) -> Sequence[T]:
+def thinned(cases: Sequence, number: int) -> Sequence:
     """All cases with ALL=1, else a quarter of them; the next number has another quarter."""
     return cases if ALL else cases[number % 4 :: 4]
 

@@ -4,11 +4,10 @@ They have equalities, ranges, one-sided rows, free and fixed variables and a sin
 """
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from qpsolvers import Problem
-from scipy.sparse import issparse
+from scipy.sparse import issparse, spmatrix
 
 from bench.problem_files.program import QP_FIELDS, fields_of
 from bench.problems import RaceProblem
@@ -17,7 +16,7 @@ DRAWN = Path(__file__).with_name("programs")
 """The folder of ``drawn.mps``, the same program as the usual conversion ``drawn.mat``, and ``other.mps``."""
 
 
-def dense(matrix: Any) -> np.ndarray:
+def dense(matrix: np.ndarray | spmatrix) -> np.ndarray:
     return matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
 
 
@@ -34,6 +33,7 @@ def same_problem(a: RaceProblem, b: RaceProblem) -> bool:
         for form in problem.forms.values():
             found += [*fields_of(form.qp).values(), form.to_weights, *form.starts, *form.starts.values()]
             found += [form.certificate, form.c, form.cost_unit]
+            found += [getattr(window, name) for window in form.windows for name in "Pqc"]
         v = problem.validation
         return found + ([] if v is None else [v.state.play, v.state.creep, v.x, v.y, v.noise_um])
 

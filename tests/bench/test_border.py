@@ -4,7 +4,7 @@ import json
 import re
 import shutil
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -125,19 +125,10 @@ def signed(text: bytes) -> bytes:
     return text
 
 
-@pytest.fixture(scope="module")
-def folder(clean_race: Race, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("runs") / "run"
-    shutil.copytree(clean_race.run.path, folder)
-    return folder
-
-
 @pytest.fixture
-def run(folder: Path, clean_race: Race) -> Iterator[Run]:
-    """A finished run that one test may damage."""
-    yield Run(folder)
-    for name in ("run.json", "rows.parquet", "times.parquet", "sentinel.parquet"):
-        shutil.copy(clean_race.run.path / name, folder)
+def run(clean_race: Race, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """A finished run that a test may damage."""
+    return Run(shutil.copytree(clean_race.run.path, tmp_path_factory.mktemp("runs") / "run"))
 
 
 def test_a_run_whose_settings_do_not_fit_is_refused_by_file_and_field(run: Run) -> None:

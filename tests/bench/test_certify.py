@@ -6,7 +6,6 @@ import runpy
 from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -29,7 +28,7 @@ CHECKER = Path(__file__).parents[2] / "examples/check_certificate.py"
 RNG = np.random.default_rng(20)
 
 
-def gram(rows: int, d: int) -> Any:
+def gram(rows: int, d: int) -> np.ndarray:
     M = RNG.integers(-9, 10, size=(rows, d)) / 8.0
     return M.T @ M
 
@@ -117,7 +116,7 @@ def test_the_greatest_value_of_an_objective_that_is_maximised_is_stated_as_in_th
     assert [problem["optimum"] for problem in listed["problems"]] == ["7.0"]
 
 
-def leaves(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any, ...], str]]:
+def leaves(value: object, path: tuple[object, ...] = ()) -> Iterator[tuple[tuple[object, ...], object]]:
     """Every text with a digit in a document, with the keys that lead to it."""
     if isinstance(value, dict | list):
         for key, each in value.items() if isinstance(value, dict) else enumerate(value):
@@ -126,12 +125,12 @@ def leaves(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any, 
         yield path, value
 
 
-def number(text: Any) -> Any:
+def number(text: str) -> float | Fraction:
     """What a text of a document stands for."""
     return float.fromhex(text) if "x" in str(text) else Fraction(text)
 
 
-def with_one_digit_changed(text: Any) -> Any:
+def with_one_digit_changed(text: str | int) -> str | int:
     """Another number, or another word, by one digit at a random place."""
     if isinstance(text, int):
         return text + 1
@@ -202,7 +201,7 @@ EYE, ONES = np.eye(2), np.ones(2)
     ],
 )
 def test_a_program_without_an_optimum_or_an_answer_that_is_none_is_refused_by_its_file_and_nothing_is_written(
-    piezobench: CommandLine, tmp_path: Path, fields: dict[str, Any], answer: Any, why: str
+    piezobench: CommandLine, tmp_path: Path, fields: dict[str, np.ndarray], answer: np.ndarray, why: str
 ) -> None:
     np.savez(tmp_path / "p.npz", **fields)
     np.save(tmp_path / "x.npy", answer)

@@ -214,6 +214,7 @@ CORES = len(cores.usable())
         (["identify"], ["Missing argument 'recording'"]),
         (["identify", "stage.csv"], ["Missing option '--out'"]),
         (["compensate", "model.json"], ["Missing argument 'reference'"]),
+        (["inspect"], ["Missing argument 'recording', or --input FILE and --output FILE"]),
         (["problems", "more"], ["more"]),
         (["problems", "--set", "paper", "--seed", "-1"], ["--seed"]),
         # Options that go with another.
@@ -221,6 +222,7 @@ CORES = len(cores.usable())
             ["race", "--set", "paper", "--recording", "stage.csv"],
             ["--recording is for the problem set recorded, and not for paper"],
         ),
+        (["race", "--recording", "stage.csv", "--table", "two", "--sample-time", "later"], ["--sample-time"]),
         (["race", "--input", "voltage_V"], ["--input is for the problem set recorded, and not for paper and measured"]),
         (
             ["race", "--workers", 2, "--backend", "dask", "--scheduler", "tcp://here:1"],
@@ -265,6 +267,10 @@ CORES = len(cores.usable())
         ((*IDENTIFY, "--table", "Messung 1"), ["stage.csv", "no tables 'Messung 1'", "--table"]),
         ((*IDENTIFY, "--time", "time_s", "--sample-time", "0.001"), ["stage.csv", "time_s", "give one of the two"]),
         ((*IDENTIFY, "--lag", "later"), ["--lag"]),
+        (
+            ("inspect", "stage.csv", "--sample-rate", 1000, "--sample-time", 1),
+            ["give either a positive rate or --sample-time"],
+        ),
         # Damaged recordings.
         (("identify", "two.csv", "--out", "other.json"), ["two.csv", "2 "]),
         (("identify", "text.csv", "--out", "other.json"), ["text.csv", "voltage_V", "high", "data row 70"]),
@@ -316,6 +322,7 @@ CORES = len(cores.usable())
         (["export-c", "model.json", "c", "--name", "play"], ["with the name 'play' a function could be named play_"]),
         (["export-c", "model.json", "c", "--name", "x" * 32], ["the name has 32 characters"]),
         (["export-c", "model.json", "c", "--rate-limit", "nan"], ["--rate-limit"]),
+        (["export-c", "model.json", "c", "--rate", 0], ["--rate"]),
         (["export-c", "model.json", "c", "--rate-limit", "fast"], ["--rate-limit"]),
         (["export-c", "model.json", "c", "--low", "nan"], ["must be below the highest"]),
         (["export-c", "model.json", "c", "--high", "inf"], ["must be finite"]),
@@ -389,6 +396,7 @@ CORES = len(cores.usable())
         (("problems", "--set", "recorded", "--recording", "none.csv"), ["none.csv: no such file"]),
         (("problems", "--set", "foreign", "--folder", "nowhere"), ["nowhere: is not a folder"]),
         (("problems", "--set", "unheard"), ["there is no problem set 'unheard'; known are boxes, drift, "]),
+        (("problems", "--set", "test_set", "--test-set", "empty.py"), ["has no class Empty"]),
         (("problems", "--from", "nowhere"), ["nowhere: is not a folder"]),
         (("problems", "--verify"), ["needs problems; name a --set"]),
         (("problems", "--verify", "--from", "foreign"), ["indefinite.npz: holds no array"]),
@@ -454,6 +462,7 @@ CORES = len(cores.usable())
         ((*LIVE, "--set-point", 300), ["the set point must be a number from -20 to 20 µm, not 300"]),
         # Comparisons and decisions.
         (("compare", REFERENCE), ["two runs or more"]),
+        (("compare", REFERENCE, REFERENCE, "--smallest", 1), ["a ratio above 1"]),
         (("compare", "--versions", "a.py"), ["two versions are compared, A.py and B.py"]),
         (("compare", "--versions", "a.py", "a.py", "a.py"), ["two versions are compared, A.py and B.py"]),
         (("compare", "--versions", "empty.py", "empty.py"), ["empty.py: must define one Solver class"]),

@@ -232,31 +232,49 @@ def test_repeats_become_one_row_with_medians_spread_the_largest_and_the_sum() ->
     assert one.columns.tolist() == [*rows.columns, "repeats", "answer_us_spread", "interleaved_us"]
 
 
-def test_a_failure_in_one_repeat_is_the_status_of_the_row() -> None:
-    lost = row(repeat=1, status="crashed", message="SIGSEGV", cost_gap=NAN, solve_us_p50=NAN)
-    later = row(repeat=2, status="missed", message="another", solve_us_p50=3.0)
-    expected = {"status": "crashed", "message": "SIGSEGV", "repeats": 3, "solve_us_p50": 2.5}
-    expected["answer_us_spread"] = pytest.approx(0.4)
-    for order in ([later, lost, row(solve_us_p50=2.0)], [row(solve_us_p50=2.0), lost, later]):
-        assert merged(table(order))[[*expected]].to_dict("records") == [expected]
+SKIPPED = row(status="not_run", message="a looser setting took longer", cost_gap=NAN, solve_us_p50=NAN, samples=0)
+LOST = row(repeat=1, status="crashed", message="SIGSEGV", cost_gap=NAN, solve_us_p50=NAN)
+FAILS = (row(repeat=2, status="missed", message="another", solve_us_p50=3.0), LOST, row(solve_us_p50=2.0))
 
 
-def test_a_repeat_in_which_a_setting_was_not_run_hides_no_repeat_in_which_it_was() -> None:
-    skipped = row(
-        status="not_run",
-        message="a looser setting took longer than 0.1 s on this problem",
-        cost_gap=NAN,
-        solve_us_p50=NAN,
-        samples=0,
-    )
-    expected = {"status": "answered", "message": "", "cost_gap": 0.0, "repeats": 2, "samples": 10, "solve_us_p50": 3.0}
-    for order in set(permutations((2.0, 4.0, None))):
-        repeats = [skipped if us is None else row(solve_us_p50=us, samples=5) for us in order]
-        found = merged(table([{**each, "repeat": i} for i, each in enumerate(repeats)]))
-        assert found[[*expected]].to_dict("records") == [expected]
-    crashed = row(repeat=2, status="crashed", cost_gap=NAN)
-    assert merged(table([row(), {**skipped, "repeat": 1}, crashed])).status.tolist() == ["crashed"]
-    assert merged(table([skipped, {**skipped, "repeat": 1}])).status.tolist() == ["not_run"]
+@pytest.mark.parametrize(
+    ("repeats", "expected"),
+    [
+        *(
+            (
+                order,
+                {
+                    "status": "crashed",
+                    "message": "SIGSEGV",
+                    "repeats": 3,
+                    "solve_us_p50": 2.5,
+                    "answer_us_spread": pytest.approx(0.4),
+                },
+            )
+            for order in (FAILS, (FAILS[2], FAILS[1], FAILS[0]))
+        ),
+        *(
+            (
+                [{**(row(solve_us_p50=us, samples=5) if us else SKIPPED), "repeat": i} for i, us in enumerate(order)],
+                {
+                    "status": "answered",
+                    "message": "",
+                    "cost_gap": 0.0,
+                    "repeats": 2,
+                    "samples": 10,
+                    "solve_us_p50": 3.0,
+                },
+            )
+            for order in permutations((2.0, 4.0, 0.0))
+        ),
+        ([row(), {**SKIPPED, "repeat": 1}, {**LOST, "repeat": 2}], {"status": "crashed"}),
+        ([SKIPPED, {**SKIPPED, "repeat": 1}], {"status": "not_run"}),
+    ],
+)
+def test_a_failure_in_one_repeat_is_the_status_of_the_row_and_one_in_which_a_setting_was_not_run_hides_no_other(
+    repeats: list[Row], expected: dict[str, object]
+) -> None:
+    assert merged(table(repeats))[[*expected]].to_dict("records") == [expected]
 
 
 def test_times_are_those_of_the_host_with_most_rows_and_settings_are_judged_by_all() -> None:

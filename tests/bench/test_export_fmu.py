@@ -4,7 +4,6 @@ import subprocess
 import xml.etree.ElementTree as ET
 import zipfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -64,7 +63,7 @@ def simulated(path: Path, y_ref: np.ndarray, **start: float) -> np.ndarray:
     return found["drive"][1:]
 
 
-def slave(path: Path, fmi: int, folder: Path) -> Any:
+def slave(path: Path, fmi: int, folder: Path) -> FMU2Slave | FMU3Slave:
     """An initialised instance."""
     description = fmpy.read_model_description(str(path))
     kind, token = (FMU2Slave, description.guid) if fmi == 2 else (FMU3Slave, description.instantiationToken)
@@ -83,7 +82,7 @@ def slave(path: Path, fmi: int, folder: Path) -> Any:
     return it
 
 
-def step(it: Any, fmi: int, k: int, y_ref: float, interval: float = SAMPLE_TIME) -> float:
+def step(it: FMU2Slave | FMU3Slave, fmi: int, k: int, y_ref: float, interval: float = SAMPLE_TIME) -> float:
     """One communication step."""
     (it.setReal if fmi == 2 else it.setFloat64)([1], [y_ref])
     it.doStep(currentCommunicationPoint=k * SAMPLE_TIME, communicationStepSize=interval)

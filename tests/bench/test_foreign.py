@@ -131,14 +131,12 @@ def test_programs_of_every_format_are_certified_in_both_scalings(foreign: dict[s
 
 
 def test_a_proof_that_takes_too_much_work_is_given_up(tmp_path: Path) -> None:
-    rng = np.random.default_rng(0)
-    M = rng.normal(size=(400, 400))
-    np.savez(tmp_path / "long.npz", P=M @ M.T, q=rng.normal(size=400), lb=np.zeros(400))
+    np.savez(tmp_path / "long.npz", **packed_program(many_weak_rows()))
     np.savez(tmp_path / "quick.npz", P=np.eye(2), q=np.ones(2))
-    problems, left_out = problems_of(tmp_path, work="1e8")
+    problems, left_out = problems_of(tmp_path, work="1e5")
     assert list(problems) == ["quick"]
     assert left_out == {
-        "long": "no proof within 1e+08 bit operations of exact arithmetic; P is convex, and no active set has been "
+        "long": "no proof within 1e+05 bit operations of exact arithmetic; P is convex, and no active set has been "
         "tried"
     }
 
@@ -271,9 +269,6 @@ def test_test_sets_of_qpbenchmark_are_read_from_their_class(
     )
     with pytest.raises(ProblemSetError, match=r"mine\.py: OSError: no network"):
         list(make("test_set", options={"test_set": str(tmp_path / "mine.py")}).problems())
-    (tmp_path / "mine.py").write_text("")
-    call = piezobench("problems", "--set", "test_set", "--test-set", tmp_path / "mine.py")
-    assert "has no class Mine" in call.refusal
 
 
 @pytest.mark.parametrize(
@@ -298,7 +293,8 @@ def test_a_gap_is_relative_to_the_larger_part_of_the_optimal_cost_or_to_its_unit
 def test_saved_problems_keep_their_forms_and_proofs_to_the_last_bit(
     foreign: dict[str, RaceProblem], tmp_path: Path
 ) -> None:
-    saved = {"paper": next(make("paper").problems()), **foreign}
+    paper = next(make("paper").problems())
+    saved = {"paper": paper, "maximised": replace(paper, sense=-1.0), **foreign}
     for name, problem in saved.items():
         problem.save(tmp_path / f"{name}.npz")
     loaded, left_out = problems_of(tmp_path)

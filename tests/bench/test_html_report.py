@@ -22,8 +22,6 @@ from bench.report.words import marked
 from bench.report.writing import write_page
 from bench.store import Run
 
-PLOTTED = "return [...document.querySelectorAll('.plot svg text')].map(text => text.textContent)"
-
 
 def written(run: Run) -> Path:
     """Write the page of a run again."""
@@ -86,7 +84,6 @@ def test_the_page_opens_without_an_error_and_without_the_network_and_draws_every
         assert (0.35 if beside_table else 0.5) * WIDTHS[width] < plot["width"]
         assert max(plot["width"], plot["right"]) <= WIDTHS[width]
     assert browser.run("return document.documentElement.scrollWidth") <= WIDTHS[width]
-    browser.picture(f"report-{width}{'-dark' if dark else ''}")
 
 
 @pytest.mark.parametrize("width", WIDTHS)
@@ -259,5 +256,8 @@ def test_no_text_of_a_one_shot_race_is_evaluated_in_its_report_but_shown_as_text
         assert browser.console() == []
         assert browser.run("return document.title") == f"Race {copy.path.name}"
         if "solver" in columns:
-            for texts in (column(browser, "solver"), browser.run(PLOTTED)):
+            for texts in (
+                column(browser, "solver"),
+                browser.run("return [...document.querySelectorAll('.plot svg text')].map(text => text.textContent)"),
+            ):
                 assert any(payloads[0].replace("/", "")[:16] in text for text in texts)

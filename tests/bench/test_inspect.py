@@ -56,8 +56,6 @@ def test_options_supply_what_the_file_lacks(tmp_path: Path, capsys: pytest.Captu
         "column 1",
         "column 2",
     )
-    assert run([*words, "--sample-time", "1"]) == 2
-    assert "give either a positive rate or --sample-time" in capsys.readouterr().err
 
 
 FIT = ("--n", 3, "--m", 1, "--rates", "10")
@@ -99,9 +97,6 @@ def test_a_recording_in_two_files_is_inspected_identified_validated_and_raced(
     assert "Seconds are assumed" in (desk / "identify.html").read_text()
     assert model["report"]["recording"] == Recording.open(desk / "whole.csv").digest()
     piezobench.run("race", *two, "--solver", "box_active_set", "--limit", 1, "--out", desk, "--name", "r", folder=desk)
-    assert (
-        "Missing argument 'recording', or --input FILE and --output FILE" in piezobench("inspect", folder=desk).stderr
-    )
 
 
 def test_repairs_are_printed_stored_and_on_the_page_and_strict_refuses_them_in_every_verb(

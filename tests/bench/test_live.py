@@ -366,7 +366,6 @@ def test_the_page_is_live_shows_names_as_text_and_requests_nothing_from_other_ma
     }
     assert hosts <= {"127.0.0.1"}
     assert browser.run("return document.documentElement.scrollWidth") <= {"desktop": 1400, "phone": 390}[width]
-    browser.picture(f"live-{width}{'-dark' if dark else ''}")
 
 
 @pytest.mark.needs("chromium", "chromedriver")

@@ -96,20 +96,6 @@ def test_the_stage_excess_is_the_error_of_the_model_beyond_the_optimums_in_units
     assert worse == pytest.approx((np.sqrt(np.mean(error_um**2)) - optimum_um) / unseen.noise_um)
 
 
-@pytest.mark.parametrize(
-    "x",
-    [
-        *(np.where(np.arange(6) == 2, bad, BEST) for bad in (np.nan, np.inf, -np.inf)),
-        *(None, np.zeros(0), np.zeros(5), np.zeros((6, 1)), np.array(np.nan)),
-    ],
-)
-def test_an_answer_that_cannot_be_measured_is_missed_if_called_found_and_failed_if_not(x: np.ndarray | None) -> None:
-    for found, status in ((True, Status.MISSED), (False, Status.SOLVER_FAILED)):
-        ours = judged(BOX, "scaled", answered(x, found=found))
-        assert (ours.status, ours.message) == (status, "says 'solved', and gives no finite answer of 6 numbers")
-        assert np.isnan(ours.cost_gap)
-
-
 @pytest.mark.parametrize("size", [1e30, 1e150, 1e300, -1e308])
 def test_an_absurd_finite_answer_reaches_no_tier(size: float) -> None:
     ours = judged(BOX, "scaled", answered(np.full(6, size)))
@@ -117,21 +103,41 @@ def test_an_absurd_finite_answer_reaches_no_tier(size: float) -> None:
     assert ours.violation > 1e29
 
 
-@pytest.mark.parametrize(("x", "right"), [(BEST, True), (BEST + 1.0, False)])
-def test_an_answer_that_the_solver_calls_not_found_is_judged_like_others_and_its_word_is_quoted(
-    x: np.ndarray, right: bool
-) -> None:
-    ours = judged(BOX, "scaled", answered(x, found=False, solver_status="gave up"))
-    assert (ours.status, ours.message) == (Status.ANSWERED, "says 'gave up'")
-    assert is_right(ours, Tier.HIGH) == right
+UNMEASURED = (
+    *(np.where(np.arange(6) == 2, bad, BEST) for bad in (np.nan, np.inf, -np.inf)),
+    *(None, np.zeros(0), np.zeros(5), np.zeros((6, 1)), np.array(np.nan)),
+)
+NO_ANSWER = "says 'solved', and gives no finite answer of 6 numbers"
 
 
 @pytest.mark.parametrize(
-    "status", [Status.UNSUPPORTED, Status.ADAPTER_FAILED, Status.CRASHED, Status.TIMED_OUT, Status.OUT_OF_MEMORY]
+    ("outcome", "status", "message", "right"),
+    [
+        *((answered(x), Status.MISSED, NO_ANSWER, False) for x in UNMEASURED),
+        *((answered(x, found=False), Status.SOLVER_FAILED, NO_ANSWER, False) for x in UNMEASURED),
+        *(
+            (answered(x, found=False, solver_status="gave up"), Status.ANSWERED, "says 'gave up'", right)
+            for x, right in ((BEST, True), (BEST + 1.0, False))
+        ),
+        *(
+            (Outcome(str(status), "said why"), status, "said why", False)
+            for status in (
+                Status.UNSUPPORTED,
+                Status.ADAPTER_FAILED,
+                Status.CRASHED,
+                Status.TIMED_OUT,
+                Status.OUT_OF_MEMORY,
+            )
+        ),
+    ],
 )
-def test_a_failure_of_the_process_is_the_status(status: Status) -> None:
-    ours = judged(BOX, "scaled", Outcome(str(status), "said why"))
-    assert (ours.status, ours.message) == (status, "said why")
+def test_an_answer_is_judged_whatever_the_solver_calls_it_and_what_cannot_be_measured_is_missed_or_failed(
+    outcome: Outcome, status: Status, message: str, right: bool
+) -> None:
+    ours = judged(BOX, "scaled", outcome)
+    assert (ours.status, ours.message) == (status, message)
+    assert np.isnan(ours.cost_gap) == (status is not Status.ANSWERED)
+    assert is_right(ours, Tier.HIGH) == right
 
 
 @pytest.mark.parametrize(("name", "primal"), [("y", "b"), ("z", "h"), ("z_box", "q")])

@@ -37,7 +37,20 @@ def race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> R
     folder = tmp_path_factory.mktemp("misses")
     (folder / "sometimes.py").write_text(SOMETIMES)
     (folder / "right.py").write_text(RIGHT)
-    words = ("--limit", 2, "--set", "measured", "--set", "paper", "--scaling", "scaled", "--rounds", 0)
+    words = (
+        "--limit",
+        2,
+        "--set",
+        "measured",
+        "--set",
+        "paper",
+        "--scaling",
+        "scaled",
+        "--budget",
+        0.01,
+        "--rounds",
+        0,
+    )
     files = ("--solver", folder / "sometimes.py", "--solver", folder / "right.py")
     return race_of(piezobench, folder, "run", *words, "--lane", "direct", "--solver", "daqp", *files)
 
