@@ -43,13 +43,15 @@ def shaped(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.f
 
 def product(M: Any, x: Vector) -> Vector:
     """M x (m,) for a dense or sparse matrix (m, d), each sum with one rounding at its end and so the same on every
-    machine; BLAS adds in an order of its own.
+    machine; BLAS adds in an order of its own. Infinite only if a sum is, not if a term of it is.
 
     >>> product(np.array([[1e16, 1.0, -1e16]]), np.ones(3))
     array([1.])
     """
-    rows = (M if isinstance(M, np.ndarray) else M.toarray()) * x
-    return np.array([math.fsum(row) for row in rows.tolist()])
+    _, exponent = np.frexp(np.abs(x).max(initial=1.0))  # powers of two change no bit
+    rows = (M if isinstance(M, np.ndarray) else M.toarray()) * np.ldexp(x, -exponent)
+    with np.errstate(over="ignore"):
+        return np.ldexp([math.fsum(row) for row in rows.tolist()], exponent)
 
 
 def read_only(values: ArrayLike) -> NDArray[np.float64]:

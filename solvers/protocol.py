@@ -50,14 +50,15 @@ class Unsupported(Exception):
 
 
 def setting_text(settings: Mapping[str, Any]) -> str:
-    """Canonical text of settings; those of ``ladder(1)`` identify a rung wherever it is stored.
+    """Canonical text of settings; those of ``ladder(1)`` identify a rung wherever it is stored. JSON has no infinity.
 
     Examples
     --------
-    >>> setting_text({"eps": 1e-6, "adaptive": True})
-    '{"adaptive": true, "eps": 1e-06}'
+    >>> setting_text({"eps": 1e-6, "adaptive": True, "time_limit": np.inf})
+    '{"adaptive": true, "eps": 1e-06, "time_limit": "Infinity"}'
     """
-    return json.dumps(dict(settings), sort_keys=True, default=str)
+    text = json.dumps(dict(settings), sort_keys=True, default=str)
+    return json.dumps(json.loads(text, parse_constant=str))
 
 
 READY: frozenset[str] = frozenset()

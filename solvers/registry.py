@@ -202,7 +202,7 @@ def from_file(path: str | Path) -> Entry:
     """The entry of a user's own solver file; its class has name and lane."""
     path = Path(path).resolve()
     cls = only_class(import_file(path), Solver)
-    return Entry(cls.name, cls.lane, f"piezobench_user_{path.stem}", path)
+    return Entry(str(cls.name), Lane(cls.lane), f"piezobench_user_{path.stem}", path)
 
 
 def add_file(path: str | Path) -> Entry:
@@ -275,7 +275,7 @@ def describe(entry: Entry) -> Described:
         cls.warm_startable,
         ladder,
         dict(cls.fixed_settings),
-        cls.exponents,
+        tuple(map(float, cls.exponents)),
     )
 
 

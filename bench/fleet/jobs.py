@@ -169,7 +169,8 @@ class Compensating(WithModel):
             if model.dynamics is None:
                 raise ModelError(f"{further[0]}: the model has no dynamics, so --preview has nothing to anticipate")
             y_ref = model.dynamics.anticipated(y_ref, s.sample_time, amplifier=True)
-        compensator = Compensator(model, limits, self.rate_limit, known, x_start=self.x_start, dynamics=inverted)
+        with checks.refusing(recordings.RecordingError):
+            compensator = Compensator(model, limits, self.rate_limit, known, x_start=self.x_start, dynamics=inverted)
         state, lag = compensator.state.copy(), compensator.lag_s
         x = compensator.run(y_ref)
         times, name = np.arange(x.size) * reference.sample_time, f"drive_{s.input_unit}".rstrip("_")

@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 from qpsolvers import Solution
 
+from bench.messages.task import one_line
 from solvers.arrays import Vector
 
 NOT_REPORTED = -1
 MOST = 2**53
-LONGEST = 500
-"""Largest number of characters of a status."""
 
 
 def solver_info(solution: Solution) -> dict[str, Any]:
@@ -29,7 +28,7 @@ def solver_info(solution: Solution) -> dict[str, Any]:
     )
     return {
         "found": bool(solution.found),
-        "solver_status": " ".join(str(extras.get("status") or verdict).split())[:LONGEST],
+        "solver_status": one_line(extras.get("status") or verdict),
         "iterations": int(count) if count <= MOST and count.is_integer() else NOT_REPORTED,
         "reported_us": time_us,
         **{name: None if dual is None else real(dual) for name, dual in duals.items()},

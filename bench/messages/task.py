@@ -40,6 +40,8 @@ PAPER = "projected_difference"
 """The paper's method, one step a sample."""
 PAPERS_SETTING = '{"steps": 15200}'
 """Its learning phase, with steps of half the stability limit."""
+LONGEST = 500
+"""Largest number of characters of what a solver says."""
 NO_RUNG = -1
 """Rung of a setting that is not in the ladder."""
 
@@ -162,7 +164,7 @@ class Task:
             "timed": self.timed,
             "repeat": self.repeat,
             "host": os.uname().nodename,
-            "settings": json.dumps(dict(settings or {}), default=str),
+            "settings": setting_text(settings or {}),
         }
 
     def settings_for(self, cls: type[Solver], c: float) -> dict[str, Any]:
@@ -251,8 +253,13 @@ def attempt(work: Callable[[], Outcome]) -> Outcome:
     try:
         return work()
     except Unsupported as error:
-        return Outcome("unsupported", str(error))
+        return Outcome("unsupported", one_line(error))
     except MemoryError as error:
-        return Outcome("out_of_memory", f"the memory limit was reached: {error}")
+        return Outcome("out_of_memory", one_line(f"the memory limit was reached: {error}"))
     except Exception as error:  # a library may raise anything; it is recorded, and the race continues
-        return Outcome("adapter_failed", f"{type(error).__name__}: {error}".strip().replace("\n", " ")[:500])
+        return Outcome("adapter_failed", one_line(f"{type(error).__name__}: {error}"))
+
+
+def one_line(text: object) -> str:
+    """What a solver says, as one line of at most LONGEST characters that UTF-8 has."""
+    return " ".join(str(text).encode(errors="replace").decode().split())[:LONGEST]

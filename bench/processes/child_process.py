@@ -10,6 +10,8 @@ import fcntl
 import os
 import resource
 import signal
+import socket
+import struct
 import subprocess
 import sys
 import tempfile
@@ -96,13 +98,15 @@ class Child:
     def wait(self, limit_s: float) -> Any:
         """The result of the call; LateError or LostError if it does not return within the time limit."""
         assert self._connection is not None
+        with socket.socket(fileno=os.dup(self._connection.fileno())) as end:  # also for a message that stops halfway
+            end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("ll", *divmod(int(limit_s * 1e6), 10**6)))
         try:
-            if self._connection.poll(limit_s):
-                return self._connection.recv()
-        except (EOFError, OSError):
+            return self._connection.recv()
+        except BlockingIOError:
+            self.kill()
+            raise LateError(f"no answer within {limit_s:g} s") from None
+        except Exception:  # the end of the process, or whatever bytes that are no message raise
             raise self._lost() from None
-        self.kill()
-        raise LateError(f"no answer within {limit_s:g} s")
 
     def _start(self, lent: Connection, alive: Connection) -> None:
         """Start the process with its ends of the connection and of the pipe."""
@@ -131,7 +135,13 @@ class Child:
         printed = os.pread(log, LAST_BYTES, max(os.fstat(log).st_size - LAST_BYTES, 0))
         self.close()
         last_words = "".join(printed.decode(errors="replace").strip().splitlines()[-1:])[:200]
-        how = signal.Signals(-code).name if code is not None and code < 0 else f"exit status {code}"
+        how = (
+            "a message that cannot be read"
+            if code is None
+            else signal.Signals(-code).name
+            if code < 0
+            else f"exit status {code}"
+        )
         return LostError(how + (f", after printing {last_words!r}" if last_words else ""), last_words)
 
     def kill(self) -> None:

@@ -86,9 +86,10 @@ def forbidden_actions() -> tuple[str, ...]:
 
 
 def introduce(path: str) -> Entry | str:
-    """The entry of a user's file, or a sentence about its fault."""
+    """The entry of a user's file, which can be described, or a sentence about its fault."""
     try:
-        return from_file(path)
+        describe(entry := from_file(path))
+        return entry
     except ImportError as error:
         return str(error).removeprefix(f"{path} ")
     except Exception as error:  # a user's code may raise anything

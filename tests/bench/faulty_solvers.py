@@ -53,7 +53,7 @@ class Mine(Solver):
     def faulty_{verb}: {fault}
 """
 
-MARKUP = "a | b \\\\| `c` <script>d</script> [e](f) &amp;\\n| g |"
+MARKUP = "a | b \\\\| `c` <script>d</script> [e](f) &amp;\\n| g | \\ud800"
 FAULTS = {
     "segfaults": ("solve(self)", "ctypes.string_at(0)"),
     "aborts": ("solve(self)", "os.write(2, b'about to fall\\n'); os.abort()"),
@@ -65,6 +65,7 @@ FAULTS = {
     "raises_in_setup": ("setup(self)", "raise KeyError('no such setting')"),
     "raises_in_update": ("update(self, P)", "raise ValueError('cannot update')"),
     "answers_nan": ("solve(self)", "self.x[3] = np.nan"),
+    "overflows": ("solve(self)", "self.x[:] = 1e308"),
     "lies": ("solve(self)", "self.x = np.maximum(self.problem.lb, 1.0)"),
     "infeasible": ("solve(self)", "self.x = self.x - 0.1"),
     "short": ("solve(self)", "self.x = self.x[:-1]"),
@@ -81,6 +82,10 @@ FAULTS = {
     "starts_others": (
         "setup(self)",
         "self.hoard or self.hoard.extend(subprocess.Popen(['tail', '-f', __file__]) for _ in 'abc')",
+    ),
+    "babbles": (
+        "solve(self)",
+        "[os.write(k, b'babble') for k in range(99) if '/socket:' in os.path.realpath(f'/proc/self/fd/{k}')]",
     ),
     "forks": ("solve(self)", "self.calls < 3 and os.fork()"),
     "closes_descriptors": ("solve(self)", "os.closerange(0, 1000)"),

@@ -285,6 +285,7 @@ CORES = len(cores.usable())
         ((*COMPENSATE, "--low", "nan"), ["nan"]),
         ((*COMPENSATE, "--rate-limit", "0"), ["--rate-limit", "positive"]),
         ((*COMPENSATE, "--rate-limit", "nan"), ["--rate-limit"]),
+        ((*COMPENSATE, "--rate-limit", "1e300"), ["compensate: --rate-limit must be above 0 and below 1e+100"]),
         (
             ("compensate", "model.json", "volts.csv", "--out", "drive.csv"),
             ["volts.csv: the reference is in V, which cannot be converted to µm"],

@@ -33,6 +33,7 @@ STATUS = {
     "raises_in_setup": Status.ADAPTER_FAILED,
     "raises_in_update": Status.ADAPTER_FAILED,
     "answers_nan": Status.MISSED,
+    "overflows": Status.ANSWERED,
     "lies": Status.ANSWERED,
     "infeasible": Status.ANSWERED,
     "short": Status.MISSED,
@@ -48,6 +49,7 @@ STATUS = {
     "answers_complex": Status.ADAPTER_FAILED,
     "prints_much": Status.ANSWERED,
     "starts_others": Status.ANSWERED,
+    "babbles": Status.TIMED_OUT,
     "forks": Status.ANSWERED,
     "closes_descriptors": Status.CRASHED,
     "starts_threads": Status.ANSWERED,
@@ -60,6 +62,7 @@ SAID = {
     "exits": "exit status 3",
     "hangs": "no answer within 4 s",
     "ignores_signals": "no answer within 4 s",
+    "babbles": "no answer within 4 s",
     "hoards": "memory limit",
     "raises": "RuntimeError: a | b",
     "raises_in_setup": "KeyError: 'no such setting'",
@@ -97,7 +100,11 @@ def test_the_race_ends_with_1_and_a_last_line_that_names_the_users_own_lanes_tha
     faulty_race: Race, clean_race: Race
 ) -> None:
     *_, last = faulty_race.call.stdout.splitlines()
-    wrong = {name for name, status in STATUS.items() if status != Status.ANSWERED} | {"lies", "infeasible"}
+    wrong = {name for name, status in STATUS.items() if status != Status.ANSWERED} | {
+        "lies",
+        "infeasible",
+        "overflows",
+    }
     assert {name for name in STATUS if f" {name} (direct) " in last} == wrong, last
     assert "segfaults (direct) fails on bouc_wen-staircase: the process ended with SIGSEGV" in last
     assert "lies (direct) has an error of " in last
@@ -203,6 +210,9 @@ def test_neither_a_sleeping_process_nor_a_temporary_file_outlives_a_killed_race(
             "import solvers\nclass Mine(solvers.Solver):\n    def solve(self, warm_start=None):\n        pass",
             "its class Mine lacks setup and solution and update",
         ),
+        (faulty_solvers.text("mine").replace("Lane.DIRECT", "'fast'"), "'fast' is not a valid Lane"),
+        (faulty_solvers.text("mine").replace('"MIT"', "'MIT'; exponents = 'all'"), "could not convert string to float"),
+        (faulty_solvers.text("mine").replace('"MIT"', "'MIT'; ladder = 9"), "cannot be loaded, TypeError"),
         (faulty_solvers.text("daqp"), "there is a solver daqp in the lane direct already"),
         (faulty_solvers.text("../daqp"), "a solver is named with letters"),
     ],
