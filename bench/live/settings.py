@@ -29,8 +29,8 @@ Learn = Literal["continuous", "cyclic", "off"]
 SWEPT, BEYOND = 1_000, 0.01
 """Samples of the sweep through the drive's limits, and largest excess over the outputs that it reaches, as a share of
 them, that is not mentioned: creep reaches a little further."""
-MOST_SAMPLES = 100_000
-"""Most samples of a sine before it repeats, unless one period is longer."""
+MOST_SAMPLES, LEAST_PHASE = 100_000, 1e-7
+"""Most samples of a sine before it repeats, unless one period is longer, and least share of a period in a sample."""
 
 
 @dataclass(frozen=True)
@@ -156,11 +156,12 @@ def sine(text: str, unit: str, y_range: tuple[float, float], sample_time: float)
             f"--sine {text}: must be a frequency in Hz and an amplitude in {shown(unit)}, such as 5Hz:10um, and "
             "optionally a centre"
         ) from None
-    if not 0.0 < frequency < 0.5 / sample_time:
-        raise LiveError(
-            f"--sine {text}: the frequency must be positive and below half the sampling rate, {0.5 / sample_time:g} Hz"
-        )
     phase = frequency * sample_time
+    if not LEAST_PHASE <= phase < 0.5:
+        raise LiveError(
+            f"--sine {text}: the frequency must be at least {LEAST_PHASE / sample_time:g} Hz and below half the "
+            f"sampling rate, {0.5 / sample_time:g} Hz"
+        )
     # a number of whole periods that takes a whole number of samples
     repeats = Fraction(1.0 / phase).limit_denominator(max(1, round(MOST_SAMPLES * phase)))
     phases = np.arange(repeats.numerator) * repeats.denominator % repeats.numerator / repeats.numerator

@@ -451,7 +451,8 @@ CORES = len(cores.usable())
             ((*LIVE, "--sine", text), ["must be a frequency in Hz and an amplitude in µm"])
             for text in ("1:2:3:4", "5Hz:10V", "1Hz:nan", "1Hz:1um:1e999")
         ),
-        ((*LIVE, "--sine", "0Hz:1um"), ["the frequency must be positive"]),
+        ((*LIVE, "--sine", "0Hz:1um"), ["the frequency must be at least 0.0001 Hz"]),
+        ((*LIVE, "--sine", "1e-300Hz:1um"), ["the frequency must be at least 0.0001 Hz"]),
         ((*LIVE, "--sine", "600Hz:1um"), ["below half the sampling rate, 500 Hz"]),
         (
             (*LIVE, "--integral-gain", 1001),
