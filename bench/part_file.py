@@ -23,8 +23,7 @@ from piezo_model.atomic_file import replacing
 from piezo_model.json_file import decoded
 
 TIMES = schema(named("task", "timed", "repeat", "what", "ns"))
-RAW = pa.struct([TIMES.field("what"), TIMES.field("ns")])
-STREAM = ROWS.append(pa.field("raw", pa.list_(RAW)))
+STREAM = ROWS.append(pa.field("raw", pa.list_(pa.struct([TIMES.field("what"), TIMES.field("ns")]))))
 NOTES = b"notes"
 """Key of the notes in the metadata of the last batch."""
 

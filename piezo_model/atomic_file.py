@@ -32,9 +32,6 @@ def replacing(path: str | Path) -> Iterator[Path]:
         _flush(temporary)
         temporary.replace(path)
         _flush(path.parent)  # the new directory entry, not only the content
-    except OSError as error:
-        error.filename = error.filename or str(path)  # a full disk does not name the file
-        raise
     finally:
         temporary.unlink(missing_ok=True)
 

@@ -47,11 +47,12 @@ def product(M: Any, x: Vector) -> Vector:
 
     >>> product(np.array([[1e16, 1.0, -1e16]]), np.ones(3))
     array([1.])
+    >>> product(np.array([[2.0, -2.0]]), np.full(2, 1e308))
+    array([0.])
     """
-    _, exponent = np.frexp(np.abs(x).max(initial=1.0))  # powers of two change no bit
-    rows = (M if isinstance(M, np.ndarray) else M.toarray()) * np.ldexp(x, -exponent)
-    with np.errstate(over="ignore"):
-        return np.ldexp([math.fsum(row) for row in rows.tolist()], exponent)
+    scale = float(np.exp2(np.frexp(np.abs(x).max(initial=1.0))[1] - 1))  # powers of two change no bit
+    dense = M if isinstance(M, np.ndarray) else M.toarray()
+    return np.array([math.fsum(row) * scale for row in (dense * (x / scale)).tolist()])
 
 
 def read_only(values: ArrayLike) -> NDArray[np.float64]:

@@ -57,8 +57,7 @@ def setting_text(settings: Mapping[str, Any]) -> str:
     >>> setting_text({"eps": 1e-6, "adaptive": True, "time_limit": np.inf})
     '{"adaptive": true, "eps": 1e-06, "time_limit": "Infinity"}'
     """
-    text = json.dumps(dict(settings), sort_keys=True, default=str)
-    return json.dumps(json.loads(text, parse_constant=str))
+    return json.dumps(json.loads(json.dumps(dict(settings), sort_keys=True, default=str), parse_constant=str))
 
 
 READY: frozenset[str] = frozenset()

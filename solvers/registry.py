@@ -200,8 +200,7 @@ def _own_entries(here: Path) -> Iterator[Entry]:
 
 def from_file(path: str | Path) -> Entry:
     """The entry of a user's own solver file; its class has name and lane."""
-    path = Path(path).resolve()
-    cls = only_class(import_file(path), Solver)
+    cls = only_class(import_file(path := Path(path).resolve()), Solver)
     return Entry(str(cls.name), Lane(cls.lane), f"piezobench_user_{path.stem}", path)
 
 

@@ -26,14 +26,14 @@ from bench.cli.options import (
     set_options,
 )
 from bench.problem_files import ProblemFileError, npz, qpbenchmark_set, read
-from bench.problems import ProblemSet, ProblemSetError, RaceProblem, all_sets, check_options, make
+from bench.problems import ProblemSetError, RaceProblem, all_sets, check_options, make
 from bench.problems.proofs import isolated, require_size, start
 from bench.report.console import print_result, progress_bar
 from bench.report.words import by_heading
 from piezo_model.atomic_file import write_text
 from solvers import certificate, certificate_document
 from solvers.arrays import Vector
-from solvers.exact.linear_algebra import WORK, OutOfWork
+from solvers.exact.linear_algebra import WORK, OutOfWork, nearest_double
 
 HEADINGS = ("problem", "optimum", "point", "variables", "rows", "condition", "gaps are relative to", "proofs")
 SHOWN = 12
@@ -74,7 +74,16 @@ def problems_verb(
             ("verify", "export", "limit", "seed", *OPTIONS),
             "needs problems; name a --set, or a folder with --from",
         )
-        sets = [(name, _count(cls), cls.description) for name, cls in sorted(all_sets().items())]
+        sets = [
+            (
+                name,
+                "needs " + ", ".join(f"--{option.replace('_', '-')}" for option in cls.needs)
+                if cls.needs
+                else str(len(cls().names())),
+                cls.description,
+            )
+            for name, cls in sorted(all_sets().items())
+        ]
         of_sets = ("set", "problems", "what it is for")
         print_result(by_heading(of_sets, sets), [], as_json, (of_sets, sets, 3))
         return
@@ -116,14 +125,6 @@ def problems_verb(
     if failures:
         more = f" and {len(failures) - 1} more" if len(failures) > 1 else ""
         raise ProblemSetError(f"not every proof holds: {failures[0]}{more}")
-
-
-def _count(cls: type[ProblemSet]) -> str:
-    return (
-        "needs " + ", ".join(f"--{option.replace('_', '-')}" for option in cls.needs)
-        if cls.needs
-        else str(len(cls().names()))
-    )
 
 
 def _problems(
@@ -215,7 +216,9 @@ def _sentences(proof: dict[str, Any]) -> list[str]:
         f"x* {unique[proof['unique']]}; tight at x*: {'; '.join(active) or 'no constraint'}.",
     ]
     if "answer" in proof:
-        gap, violation, distance = (float(Fraction(proof["answer"][key])) for key in ("gap", "violation", "distance"))
+        gap, violation, distance = (
+            nearest_double(Fraction(proof["answer"][key])) for key in ("gap", "violation", "distance")
+        )
         lines.append(
             f"The answer breaks the constraints by {violation:.3g} at most; the feasible point nearest to it costs "
             f"{gap:.3g} more than the optimum. Its largest distance from x* in one variable is {distance:.3g}."

@@ -113,10 +113,12 @@ def _paper(measurements: Measurements, drift: float) -> Iterator[str]:
     steps = steps[steps.cost_gap.notna()]
     if steps.empty:
         return
+    seconds = [f"{steps_of * 1e-6:.3g}" for steps_of in sorted({*(steps.periods * steps.period_us)})]
+    to = f" to {seconds[-1]} s, by the rate of the recording" if seconds[1:] else " s"
     reach = joined(f"{TIER_NAMES[tier]} on {right(steps, tier).sum()}" for tier in (Tier.LOW, Tier.MID, Tier.HIGH))
     yield (
         f"The paper's method, one projected step a sample of half the stability limit, {_ends(steps)} after its 15 200 "
-        f"steps ({_duration(steps)}) and reaches {reach} of {len(steps)} problems{_best_step(rows)}; without waiting "
+        f"steps ({seconds[0]}{to}) and reaches {reach} of {len(steps)} problems{_best_step(rows)}; without waiting "
         f"for samples these steps take {rounded(steps.answer_us.median(), drift)} µs."
     )
 
@@ -134,12 +136,6 @@ def _best_step(rows: pd.DataFrame) -> str:
     ratio = decoded(settings, dict[str, Any]).get("step_ratio", 0.5)
     of_line = ", begun at the straight line" if start == "line" else ""
     return f", at best, with steps of {ratio:g} of that limit{of_line}, 1e-9 on {counts.max()}"
-
-
-def _duration(rows: pd.DataFrame) -> str:
-    """Time that the steps take at one a sample."""
-    seconds = [f"{steps * 1e-6:.3g}" for steps in sorted({*(rows.periods * rows.period_us)})]
-    return f"{seconds[0]} s" if len(seconds) == 1 else f"{seconds[0]} to {seconds[-1]} s, by the rate of the recording"
 
 
 def _ends(rows: pd.DataFrame) -> str:

@@ -205,5 +205,5 @@ def checked(qp: Problem) -> Problem:
         not difference.size or difference.max() <= SYMMETRY * abs(qp.P).max(),
         "P is not symmetric; one triangle alone is not accepted",
     )
-    P = 0.5 * (qp.P + qp.P.T)
+    P = 0.5 * qp.P + 0.5 * qp.P.T
     return Problem(P if isinstance(P, np.ndarray) else csc_matrix(P), qp.q, qp.G, qp.h, qp.A, qp.b, qp.lb, qp.ub)

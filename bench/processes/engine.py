@@ -121,7 +121,7 @@ def check_cores(client: Any, address: str) -> None:
     if not members:
         raise RaceError(f"the Dask cluster at {address} has no worker")
     threads, numbers = Counter[str](), defaultdict[str, set[int]](set)
-    for member, (host, usable) in client.run(host_and_cores).items():
+    for member, (host, usable) in client.run(lambda: (os.uname().nodename, cores.usable())).items():
         threads[host] += members[member]["nthreads"]
         numbers[host].update(usable)
     for host, count in threads.items():
@@ -133,11 +133,6 @@ def check_cores(client: Any, address: str) -> None:
 
 
 # The following functions run in a worker.
-
-
-def host_and_cores() -> tuple[str, list[int]]:
-    """Name of this machine and the cores that this worker may use."""
-    return os.uname().nodename, cores.usable()
 
 
 def _prepare_worker() -> None:

@@ -72,11 +72,6 @@ class Sentinel(ForkedChild):
         except (LateError, LostError) as error:
             raise ChildProcessError(f"the process that samples the speed of the core was lost ({error})") from None
 
-    def take_samples(self) -> list[tuple[float, list[int]]]:
-        """Return the samples so far, and clear them."""
-        samples, self.samples = self.samples, []
-        return samples
-
 
 def table(notes: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
     """One row for each sample in notes with ``host``, ``core`` and ``sentinel``; ``ratio`` is level over median."""

@@ -102,11 +102,12 @@ class Part:
             self._work(part, run.note_machine(), pool, tell)
             between = machine.between(before, machine.counters())
             pool.sentinel.sample()
+            samples, pool.sentinel.samples = pool.sentinel.samples, []
             part.finish(
                 {
                     "host": os.uname().nodename,
                     "core": pool.core,
-                    "sentinel": pool.sentinel.take_samples(),
+                    "sentinel": samples,
                     **between,
                     "preemptions": sum(row["preemptions"] for row in part.rows.values()),
                     "timed_calls": sum(row["samples"] for row in part.rows.values()),

@@ -203,24 +203,18 @@ def remarks(run: Run, measurements: Measurements, misses: Mapping[str, Miss]) ->
         else:
             yield f"There is no model of the recording for deploy, since identify refused it: {note.get('refused', '')}"
     for name, miss in [*misses.items()][:1]:
-        own = "".join(f"import solvers; solvers.add_file({path!r}); " for path in _file_of(run, miss.solver, miss.lane))
+        version = run.settings.get("lanes", {}).get(f"{miss.solver} ({miss.lane})", "")
+        own = "".join(  # a user's own file, unless it has changed since: the version has its digest
+            f"import solvers; solvers.add_file({path!r}); "
+            for path in run.settings["settings"].get("solver_files", ())
+            if Path(path).is_file() and file_digest(Path(path)) in version
+        )
         yield (
             f"{len(misses)} missed answer{'s are' if len(misses) > 1 else ' is'} kept in {run.path / 'misses'}, each "
             f"with its program and the proven optimum. To solve the first again: {own}from bench.problem_files.miss "
             f"import Miss; miss = Miss.load({str(run.path / 'misses' / name)!r}); print(miss.gap(miss.x), "
             "miss.gap(miss.solve()))"
         )
-
-
-def _file_of(run: Run, solver: str, lane: str) -> list[str]:
-    """The file of a user's own solver, whose version has its digest; of any other solver, or of a file that has changed
-    since, none."""
-    version = run.settings.get("lanes", {}).get(f"{solver} ({lane})", "")
-    return [
-        path
-        for path in run.settings["settings"].get("solver_files", ())
-        if Path(path).is_file() and file_digest(Path(path)) in version
-    ]
 
 
 def optima(run: Run, rows: pd.DataFrame) -> pd.DataFrame:

@@ -29,10 +29,18 @@ def write_page(report: Report, path: Path, figures: str = "figures") -> Path:
     return path
 
 
-def write_markdown(report: Report, path: Path, pictures: int = 1) -> Path:
-    """Write the report in Markdown, with the first ``pictures`` figures as SVG beside it; returns its path."""
+def write_report(report: Report, folder: Path, name: str = "report", pictures: int = 1) -> Path:
+    """Write ``<name>.html``, ``<name>.md`` with the first ``pictures`` figures as SVG, their figures, and
+    ``summary.csv`` if the report has a summary; returns the path of the Markdown file."""
+    if report.summary is not None:
+        _write_csv(report.summary, folder / "summary.csv")
+    for file, save in report.files.items():
+        (folder / file).parent.mkdir(exist_ok=True)
+        save(folder / file)
+    write_page(report, folder / f"{name}.html")
     for figure in report.drawn[:pictures]:
-        write_text(path.parent / f"{figure.name}.svg", vega.svg(figure.data, figure.plots))
+        write_text(folder / f"{figure.name}.svg", vega.svg(figure.data, figure.plots))
+    path = folder / f"{name}.md"
     write_text(
         path,
         markdown_templates("bench.report")
@@ -40,18 +48,6 @@ def write_markdown(report: Report, path: Path, pictures: int = 1) -> Path:
         .render(report=report, pictures=report.drawn[:pictures]),
     )
     return path
-
-
-def write_report(report: Report, folder: Path, name: str = "report", pictures: int = 1) -> Path:
-    """Write ``<name>.html``, ``<name>.md``, their figures, and ``summary.csv`` if the report has a summary; returns the
-    path of the Markdown file."""
-    if report.summary is not None:
-        _write_csv(report.summary, folder / "summary.csv")
-    for file, save in report.files.items():
-        (folder / file).parent.mkdir(exist_ok=True)
-        save(folder / file)
-    write_page(report, folder / f"{name}.html")
-    return write_markdown(report, folder / f"{name}.md", pictures)
 
 
 def _write_csv(table: pd.DataFrame, path: Path) -> None:

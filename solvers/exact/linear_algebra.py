@@ -80,7 +80,8 @@ def column(values: NDArray[np.float64]) -> RationalColumn:
 def nearest_double(value: Rational) -> float:
     """A rational rounded once to double; infinite beyond the largest double."""
     try:
-        return float(int(value.p) / int(value.q))  # Python rounds a quotient of integers correctly, however long
+        # Python rounds a quotient of integers correctly, however long
+        return float(int(value.numerator) / int(value.denominator))
     except OverflowError:
         return float("inf") if value > 0 else -float("inf")
 
