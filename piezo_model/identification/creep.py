@@ -53,7 +53,7 @@ SHARE, CHI_SQUARE, MARGIN = 0.5, 25.0, 2.0
 """Smallest fraction of the explainable error that creep has to explain; smallest (κ / se)²; standard errors by which
 the weight of a model may differ from its estimate."""
 DRIFT_INFORMATION, DRIFT_SHARE, SETTLING_SHARE, DRIFT_CHI_SQUARE = 0.3, 0.5, 0.6, 16.0
-"""The same for a drift or a settling; since creep of other rates than the model's looks like a settling, it has to explain
+"""The same for a drift or a settling; creep of other rates than the model's looks like a settling, which has to explain
 more."""
 SHORTEST_HOLD, STEADY, HELD_SHARE = 100, 1e-3, 0.1
 """Fewest samples of a hold; largest range of the drive during a hold, relative to its whole range; smallest fraction of
