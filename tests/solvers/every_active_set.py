@@ -1,11 +1,12 @@
-"""The optimum of a small program by brute force, every active set in fractions.Fraction and without FLINT, and programs
-to try it on."""
+"""The optimum of a small program by brute force, every active set in fractions, and programs to try it on."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 from fractions import Fraction
 from itertools import chain, combinations
 
 import numpy as np
+from flint import fmpq, fmpq_mat
 from hypothesis import strategies as st
 from qpsolvers import Problem
 
@@ -17,19 +18,8 @@ def fractions(values: np.ndarray) -> list:
     return [fractions(v) for v in values] if np.ndim(values) else Fraction(float(values))
 
 
-def gauss(M: list[list[Fraction]], right: list[Fraction]) -> list[Fraction] | None:
-    """Solve by elimination; None if M is singular."""
-    n, T = len(M), [[*row, r] for row, r in zip(M, right, strict=True)]
-    for k in range(n):
-        pivot = next((i for i in range(k, n) if T[i][k] != 0), None)
-        if pivot is None:
-            return None
-        T[k], T[pivot] = T[pivot], T[k]
-        T[k] = [entry / T[k][k] for entry in T[k]]
-        for i in range(n):
-            if i != k and T[i][k] != 0:
-                T[i] = [a - T[i][k] * b for a, b in zip(T[i], T[k], strict=True)]
-    return [row[-1] for row in T]
+def rational(M: list[list[Fraction]]) -> fmpq_mat:
+    return fmpq_mat([[fmpq(entry.numerator, entry.denominator) for entry in row] for row in M])
 
 
 def constraint_rows(problem: Problem) -> tuple[list[Row], list[Row]]:
@@ -64,9 +54,11 @@ def feasible_stationary_points(problem: Problem) -> Iterator[list[Fraction]]:
         held = [*equalities, *active]
         K = [row + [a[i] for a, _ in held] for i, row in enumerate(P)]
         K += [a + [Fraction(0)] * len(held) for a, _ in held]
-        answer = gauss(K, [-v for v in q] + [b for _, b in held])
-        if answer is not None and all(dot(a, answer[:d]) <= b for a, b in inequalities):
-            yield answer[:d]
+        right = rational([[-v] for v in q] + [[b] for _, b in held])
+        with suppress(ZeroDivisionError):  # a singular system
+            answer = [Fraction(int(v.p), int(v.q)) for v in rational(K).solve(right).entries()[:d]]
+            if all(dot(a, answer) <= b for a, b in inequalities):
+                yield answer
 
 
 def lowest_cost(problem: Problem) -> Fraction | None:
