@@ -28,6 +28,7 @@ from piezo_model import (
 PLANT = plants.get("relay_preisach", sample_time=T)
 STRUCTURE = structure_for(PLANT)
 MODEL = HysteresisCreepModel.from_weights(STRUCTURE, STRUCTURE.straight_line)
+RINGING = Dynamics((30.0,), (0.02,), (0.9,), 0.5 * T)
 COPIES: dict[str, Callable[[Any], Any]] = {
     "copy": copy.copy,
     "deepcopy": copy.deepcopy,
@@ -94,10 +95,13 @@ def move_states(state: OperatorState, seed: int) -> Any:
 
 
 CASES = {
-    "a compensator": used(
-        lambda: Compensator(MODEL, (0.0, 150.0), rate_limit=1e5, integral_gain=5.0),
-        lambda one, seed: [(one.step(y), one.correct(y + 0.1)) for y in micrometres(signal(seed, 100)).tolist()],
-    ),
+    **{
+        f"a compensator, {name}": used(
+            partial(Compensator, model, (0.0, 150.0), rate_limit=1e5, integral_gain=5.0),
+            lambda one, seed: [(one.step(y), one.correct(y + 0.1)) for y in micrometres(signal(seed, 100)).tolist()],
+        )
+        for name, model in (("static", MODEL), ("ringing", replace(MODEL, dynamics=RINGING)))
+    },
     "a data basis": used(lambda: DataBasis(STRUCTURE, forgetting=0.999), update),
     **{f"a learner, {mode}": used(partial(learner_for, PLANT, mode, build_s=1.0), learn) for mode in MODES},
     **{
@@ -112,7 +116,7 @@ CASES = {
     },
     "a sensor": used(partial(sensor, delay_samples=3), lambda one, seed: one.run(volts(signal(seed, 200)))),
     "a flexure": used(
-        lambda: plants.Flexure(plants.get("bouc_wen", sample_time=T), Dynamics((30.0,), (0.02,), (0.9,), 0.5 * T)),
+        lambda: plants.Flexure(plants.get("bouc_wen", sample_time=T), RINGING),
         lambda plant, seed: plant.run(volts(signal(seed, 200))),
     ),
     "states of operators": used(partial(OperatorState.settled_at, STRUCTURE, 40.0, "above"), move_states),

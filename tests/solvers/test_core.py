@@ -6,6 +6,7 @@ import re
 import subprocess
 import sysconfig
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -13,22 +14,28 @@ import numpy as np
 import pytest
 from programs import lacking, program
 
-import piezo_model.core
 import solvers
+from piezo_model import Compensator, DataBasis, Dynamics, HysteresisCreepModel, ModelStructure
+from piezo_model.core import bindings as of_model
 from solvers import Problem, core
 from solvers.core import bindings, block, compile_core
 
-FOLDER = Path(core.__file__).parent
+FOLDER, ROOT = Path(core.__file__).parent, Path(core.__file__).parents[2]
 FOLDERS = compile_core.folders(FOLDER.parent)
 WARNINGS = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wpsabi", "-Werror"]
-ALGORITHMS = [file for file in FOLDER.glob("*.c") if not file.name.startswith(("bindings", "module", "clock"))]
-"""Sources that may be in an exported folder."""
-OF_MODEL = [file for folder in FOLDERS[1:] for file in sorted(folder.glob("*.c"))]
+
+
+def algorithms(folder):
+    """Sources that may be in an exported folder."""
+    return [file for file in folder.glob("*.c") if not file.name.startswith(("bindings", "module", "clock"))]
+
+
+ALGORITHMS = algorithms(FOLDER)
+OF_MODEL = algorithms(ROOT / "piezo_model" / "core") + algorithms(ROOT / "piezo_model" / "plants")
 EXPORTED = [
-    Path(piezo_model.core.__file__).parent / name
-    for name in ("model.c", "prefilter.c", "data_basis.c", "compensator.c")
+    ROOT / "piezo_model" / "core" / name for name in ("model.c", "prefilter.c", "data_basis.c", "compensator.c")
 ]
-INCLUDES = [f"-I{folder}" for folder in FOLDERS]
+INCLUDES = [f"-I{folder}" for folder in (*FOLDERS, ROOT / "piezo_model" / "core")]
 WORDS = [f'-D{word}="x"' for word in ("CORE_SOURCES", "CORE_COMPILER", "CORE_INSTRUCTIONS")]
 STRUCTS = {
     "Py_buffer": "buf obj len itemsize readonly ndim format shape strides suboffsets internal",
@@ -49,7 +56,7 @@ def compiled(folder, text, *options):
 
 
 def test_the_size_of_a_learner_grows_with_the_square_of_its_weights_up_to_the_largest():
-    large, largest = (piezo_model.core.bindings.learner_bytes(n, n, n, 1, 0, 0, 1, 1, 0) for n in (5000, 10_000))
+    large, largest = (of_model.learner_bytes(n, n, n, 1, 0, 0, 1, 1, 0) for n in (5000, 10_000))
     assert largest == pytest.approx(4 * large, rel=1e-2)
 
 
@@ -155,36 +162,35 @@ VARIANTS = {
 
 @pytest.fixture(scope="module")
 def installed():
-    """The core as it is installed, for every instruction set of this processor."""
+    """The cores as they are installed, for every instruction set of this processor."""
     found = {}
     for level in range(2, bindings.processor_level() + 1):
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv("PIEZOBENCH_ISA", f"v{level}")
-            found[f"installed for v{level}"] = core.load(FOLDER.parent)
+            found[f"v{level}"] = [core.load(package, level) for package in compile_core.PACKAGES]
     return found
 
 
 @pytest.fixture(scope="module")
 def variants(tmp_path_factory):
-    """The core built by two compilers for several instruction sets at several levels of optimisation, without a
-    warning."""
+    """The cores built by two compilers for several instruction sets at several levels of optimisation; that of the
+    solvers without a warning."""
     folder = tmp_path_factory.mktemp("variants")
 
-    def build(name):
-        target, (compiler, *options) = folder / f"{name.replace(' ', '_')}.so", VARIANTS[name]
-        flags = [*WARNINGS, *(flag for flag in compile_core.FLAGS if not flag.startswith("-O")), *INCLUDES]
-        files = sorted(str(file) for each in FOLDERS for file in each.glob("*.c"))
-        subprocess.run(
-            [program(compiler), *flags, *options, *WORDS, *files, "-shared", "-o", str(target), "-lm"], check=True
-        )
-        loader = importlib.machinery.ExtensionFileLoader("_core", str(target))
-        module = importlib.util.module_from_spec(importlib.util.spec_from_file_location("_core", target, loader=loader))
+    def build(name, package):
+        compiler, *options = VARIANTS[name]
+        (target := folder / name / package.name).mkdir(parents=True)
+        warnings = WARNINGS if package == FOLDER.parent else []
+        path = compile_core._compile(package, target, [program(compiler), *warnings, *options], "native", False)
+        loader = importlib.machinery.ExtensionFileLoader("_core", str(path))
+        module = importlib.util.module_from_spec(importlib.util.spec_from_file_location("_core", path, loader=loader))
         loader.exec_module(module)
         return module
 
-    with ThreadPoolExecutor(2) as pool:
-        names = [name for name in VARIANTS if not name.startswith(f"level {bindings.processor_level() + 1}")]
-        return dict(zip(names, pool.map(build, names), strict=True))
+    names = [name for name in VARIANTS if not name.startswith(f"level {bindings.processor_level() + 1}")]
+    with pytest.MonkeyPatch.context() as patch, ThreadPoolExecutor(2) as pool:
+        patch.setattr(compile_core, "FLAGS", [flag for flag in compile_core.FLAGS if not flag.startswith("-O")])
+        return {name: [*pool.map(partial(build, name), compile_core.PACKAGES)] for name in names}
 
 
 def random_data(d):
@@ -199,9 +205,18 @@ def random_data(d):
     return programs, lb, ub, q, rng.normal(size=(40, d + 1))
 
 
-def bits_of_everything(c, programs, lb, ub, q, rows):
-    """States and answers of every function of the core, as bytes."""
+def bits_of_everything(c, of_model, programs, lb, ub, q, rows):
+    """States and answers of every function of the solvers, of a model, its data basis and its compensator, as bytes."""
     d, out = q.size, []
+    s = ModelStructure.equidistant(d, d // 2, (0, 150), (-20, 20), (100, 10, 1), 1e-3, offset=True)
+    w = s.slope_map @ np.linspace(0.1, 1.0, s.d)
+    model = replace(HysteresisCreepModel.from_weights(s, w), dynamics=Dynamics((90.0,), (0.02,), (0.8,), 1e-3))
+    basis, compensator = DataBasis(s, forgetting=0.999)._core.block, Compensator(model, rate_limit=5e4)._core.block
+    x, y = np.sin(np.arange(1000) / 30) * np.cos(np.arange(1000) / 170), np.empty(1000)
+    of_model.model_simulate(*model.arrays, np.zeros(s.lanes), np.zeros(3 * s.lanes), x, y)
+    of_model.basis_update(basis, x, y)
+    of_model.compensator_run(compensator, y, x)
+    out += [each.tobytes() for each in (y, x, basis, compensator)]
     for P, linear in programs:
         box = block(c.box_bytes(d))
         out.append([c.box_setup(box, lb, ub), c.box_set_data(box, P, linear), c.box_solve(box, 0), c.box_solve(box, 1)])
@@ -225,9 +240,9 @@ def bits_of_everything(c, programs, lb, ub, q, rows):
 @pytest.mark.parametrize("built", ["installed", pytest.param("variants", marks=pytest.mark.slow)])
 def test_every_compiler_instruction_set_and_optimisation_gives_the_same_bits(request, built, d):
     data = random_data(d)
-    expected = bits_of_everything(bindings, *data)
-    for name, module in request.getfixturevalue(built).items():
-        assert bits_of_everything(module, *data) == expected, name
+    expected = bits_of_everything(bindings, of_model, *data)
+    for name, modules in request.getfixturevalue(built).items():
+        assert bits_of_everything(*modules, *data) == expected, name
 
 
 @pytest.mark.parametrize(
@@ -287,6 +302,14 @@ def test_every_compiler_instruction_set_and_optimisation_gives_the_same_bits(req
         (lambda: timed(np.zeros(1)), TypeError, "argument 10 holds numbers of type d, not lq"),
         (lambda: timed(np.zeros(1, np.int64), P=8), ValueError, "argument 7: expected"),
         (lambda: prepared(tile=1), ValueError, "argument 2 must be from 0 to 0, not 1"),
+        (lambda: of_model.basis_update(a_basis(), np.zeros(3), np.zeros(2)), ValueError, "argument 3: expected"),
+        (lambda: of_model.basis_finish(a_basis()[:-8].copy()), ValueError, "not the state"),
+        (lambda: of_model.compensator_run(a_basis(), np.zeros(3), np.zeros(3)), ValueError, "argument 1 is not the"),
+        (
+            lambda: of_model.basis_setup(a_basis()[:900], 5, 7, 3, 0, 1.0),
+            ValueError,
+            "has room for 900 bytes and needs",
+        ),
     ],
 )
 def test_arguments_that_do_not_fit_their_marks_are_refused_and_nothing_is_read(call, error, message):
@@ -305,18 +328,22 @@ def a_state(d=3):
     return state
 
 
+def a_basis():
+    return DataBasis(ModelStructure.equidistant(2, 1, (0, 1), (0, 1), (), 1e-3))._core.block
+
+
 def played(states, outputs):
-    piezo_model.core.bindings.play(np.zeros(1), np.zeros(1), states, outputs)
+    of_model.play(np.zeros(1), np.zeros(1), states, outputs)
 
 
 def prepared(tile):
     structure = 2, 1, 1, 0, 0, 0
-    bank = block(piezo_model.core.bindings.bank_bytes(*structure, 1, 8))
-    piezo_model.core.bindings.bank_setup(bank, *structure, 1, 8)
-    piezo_model.core.bindings.bank_prepare(bank, tile, 0)
+    bank = block(of_model.bank_bytes(*structure, 1, 8))
+    of_model.bank_setup(bank, *structure, 1, 8)
+    of_model.bank_prepare(bank, tile, 0)
 
 
-@pytest.mark.parametrize("module", [bindings, piezo_model.core.bindings], ids=["solvers", "piezo_model"])
+@pytest.mark.parametrize("module", [bindings, of_model], ids=["solvers", "piezo_model"])
 def test_every_argument_of_a_table_is_marked_as_the_parser_reads_it(module):
     size = r"(\d+|[a-z]+(\+\d)?)"
     mark = rf"[A-Za-z_]+(#{size}?:{size}?|@([A-Z0-9]{{4}}&?)?|\[{size}(,{size})*\][qi]?[=?]?)?"
@@ -326,9 +353,6 @@ def test_every_argument_of_a_table_is_marked_as_the_parser_reads_it(module):
     assert len(functions) > 20
     for name, function in functions:
         assert re.fullmatch(rf"{name}\(({mark}(, {mark})*)?\): (.|\n)*\.", function.__doc__), function.__doc__
-
-
-ROOT = Path(__file__).parents[2]
 
 
 def output_of(source: Path, folder: Path, *options: str) -> str:
