@@ -1,8 +1,7 @@
 """The model in plain NumPy, written from its equations alone as a reference for the compiled code; it imports no other
 module of the project.
 
-A structure is the dictionary that a model file holds. Amplitudes are of unit size unless a name ends in ``_V`` or
-``_um``.
+A structure is the dictionary that a model file holds. Amplitudes are of unit size.
 """
 
 from typing import Any
@@ -51,18 +50,3 @@ def superposition(s: dict[str, Any], w_S_inverse: Vector, u: Vector) -> Vector:
     far = 1e4
     y = np.concatenate([[r[0] - far], r, [r[-1] + far]])
     return np.interp(u, one_sided_dead_zones(r, y) @ w_S_inverse, y)
-
-
-def simulate_file(model: dict[str, Any], x_V: Vector) -> Vector:
-    """Output of a model file, in its units, from the initial state in the file or else from rest at 0 V."""
-    s = model["structure"]
-    r = thresholds(s)
-    rest = np.clip(-s["x_centre"] / s["x_scale"], -1.0, 1.0)
-    z_H, z_K = rest - rest * r, np.tile(rest - rest * r, (len(s["creep_rates"]), 1))
-    if model["start"] is not None:
-        z_H, z_K = np.array(model["start"]["play"]), np.array(model["start"]["creep"]).reshape(z_K.shape)
-    H, K = hysteresis_and_creep(s, (x_V - s["x_centre"]) / s["x_scale"], z_H, z_K)
-    u = H @ np.array(model["w_H"]) + model["offset"]
-    if s["creep_rates"]:
-        u = u + K @ np.array(model["w_K"])
-    return s["y_centre"] + s["y_scale"] * superposition(s, np.array(model["w_S_inverse"]), u)

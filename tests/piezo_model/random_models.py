@@ -15,14 +15,6 @@ Vector = NDArray[np.float64]
 
 FREE = (-np.inf, np.inf)
 """Limits of a drive without limits."""
-signals = st.lists(st.floats(-2, 2), min_size=1, max_size=40).map(np.array)
-thresholds = st.lists(st.floats(0, 1.5), min_size=1, max_size=5).map(lambda values: np.sort(np.array(values)))
-seeds = st.integers(0, 2**32 - 1)
-
-
-def a_state(r: Vector, x: float, seed: int) -> Vector:
-    """Possible states of plays with thresholds r at the input x."""
-    return x + r * np.random.default_rng(seed).uniform(-1, 1, r.size)
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""A stage with modes, integrated in state space on a grid sixteen times finer, and drives for it; it imports nothing of
+"""A stage with modes, integrated on a grid sixteen times finer, and drives for it; it imports nothing of
 the implementation under test but the simulated actuators."""
 
 from collections.abc import Sequence
@@ -32,13 +32,8 @@ class RingingStage:
         self._rest, self._level, self._filters = 1.0 - sum(gain for *_, gain in modes), level, []
         for f, zeta, gain in modes:
             w = 2.0 * np.pi * f
-            A, B = np.array([[0.0, 1.0], [-w * w, -2.0 * zeta * w]]), np.array([[0.0], [w * w]])
-            A, B, *_ = cont2discrete((A, B, np.eye(2), np.zeros((2, 1))), h)
-            a, pulse, state = np.array([1.0, -np.trace(A), np.linalg.det(A)]), [], B[:, 0]
-            for _ in range(3):
-                pulse.append(state[0])
-                state = A @ state
-            self._filters.append([gain * np.convolve(a, pulse)[:3], a, np.zeros(2)])
+            (b,), a, _ = cont2discrete(([gain * w * w], [1.0, 2.0 * zeta * w, w * w]), h)
+            self._filters.append([b[1:], a, np.zeros(2)])  # at the end of each period
         self._late = np.zeros(round(delay_s / h))
 
     def run(self, x: Vector) -> Vector:

@@ -1,5 +1,4 @@
 import tracemalloc
-from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -15,15 +14,17 @@ BLOCK = 64
 
 @settings(max_examples=60)
 @given(cases(), st.sampled_from([1.0, 0.99]))
-def test_any_chunking_gives_the_same_bits_also_with_samples_that_are_not_counted(case: Case, forgetting: float) -> None:
+def test_any_chunking_gives_the_same_bits_and_a_missing_output_counts_like_one_that_is_not_counted(
+    case: Case, forgetting: float
+) -> None:
     x, y = case.recording(5 * BLOCK)
-    counted = np.repeat(case.rng.integers(0, 2, 5).astype(bool), BLOCK)
-    counted[-7:] = True
+    counted = case.rng.random(x.size) < 0.9
+    counted[:BLOCK], counted[-7:] = case.rng.random() < 0.5, True
     whole, parts = (DataBasis(case.structure, case.state, forgetting) for _ in range(2))
-    edges = np.flatnonzero(np.diff(counted)) + 1
-    for a, b, count in zip(np.split(x, edges), np.split(y, edges), np.split(counted, edges), strict=True):
-        whole.update(a, b, count=bool(count[0]))
-    cuts = np.union1d(edges, case.rng.integers(0, x.size, 9))
+    first, out = int(np.argmax(counted)), case.structure.unit_output(y[counted])
+    whole.update(x[:first], y[:first], count=False)
+    whole.update(x[first:], np.where(counted, y, np.nan)[first:])
+    cuts = np.union1d(np.flatnonzero(np.diff(counted)) + 1, case.rng.integers(0, x.size, 9))
     for a, b, count in zip(np.split(x, cuts), np.split(y, cuts), np.split(counted, cuts), strict=True):
         parts.update(a, b, count=bool(count.all()) if count.size else False)
         if parts.samples:
@@ -31,6 +32,8 @@ def test_any_chunking_gives_the_same_bits_also_with_samples_that_are_not_counted
     for name in ("P", "q", "c", "samples", "excitation"):
         np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))
     np.testing.assert_equal(vars(parts.state), vars(whole.state))
+    assert whole.samples == out.size
+    assert (whole.excitation.y_min, whole.excitation.y_max) == (out.min(), out.max())
     P, _, _ = case.program(x, y, counted, forgetting)
     np.testing.assert_allclose(whole.P, P, rtol=0, atol=1e-12 * (1 + np.abs(P).max()))
 
@@ -54,20 +57,6 @@ def test_memory_does_not_grow_with_the_recording(offset: bool) -> None:
 
 
 SMALL = ModelStructure.equidistant(n=2, m=1, x_range=(-1, 1), y_range=(-1, 1), creep_rates=(1.0,), sample_time=1e-2)
-
-
-@pytest.mark.parametrize("missing", [[0], [5, 6, 7], [39], range(0, 40, 2)])
-def test_a_missing_output_moves_the_operators_and_counts_for_nothing(missing: Sequence[int]) -> None:
-    x, y = np.sin(np.arange(40) / 3), 0.9 * np.sin(np.arange(40) / 3 - 0.1)
-    y[[*missing]] = np.nan
-    whole, one_by_one = DataBasis(SMALL), DataBasis(SMALL)
-    whole.update(x, y)
-    for k in range(40):
-        one_by_one.update([x[k]], [np.nan_to_num(y[k])], count=k not in missing)
-    assert whole.samples == one_by_one.samples == 40 - len(missing)
-    np.testing.assert_array_equal(whole.P, one_by_one.P)
-    np.testing.assert_array_equal(whole.state.play, one_by_one.state.play)
-    assert (whole.excitation.y_min, whole.excitation.y_max) == (np.nanmin(y), np.nanmax(y))
 
 
 @pytest.mark.parametrize(

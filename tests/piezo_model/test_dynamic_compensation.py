@@ -26,7 +26,6 @@ from piezo_model import (
     plants,
     signals,
 )
-from piezo_model.prefilter import Prefilter
 from solvers.arrays import Vector
 
 ONE = Dynamics((500.0,), (0.01,), (1.0,), 1.3125 * T)
@@ -242,16 +241,6 @@ def test_noise_of_a_hundredth_of_the_range_does_not_bias_what_is_learned_and_thr
 
     assert error(0.4) < 3.0 * best_percent()
     assert error(1.2) < 4.0 * best_percent()
-    made = Prefilter.__init__
-
-    def init(self: Prefilter, *about: object) -> None:
-        """Takes the output behind the inverse of the dynamics for free of noise."""
-        made(self, *about)
-        self.noise_gains = np.array([0.0, *self.noise_gains[1:]])
-
-    with patch.object(Prefilter, "__init__", init):
-        assert error(0.4) > 3.5 * best_percent()
-        assert error(1.2) > 20.0 * best_percent()
 
 
 def test_cyclic_operation_needs_no_subtraction_at_noise_of_a_hundredth_of_the_range() -> None:

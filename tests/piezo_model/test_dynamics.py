@@ -29,8 +29,7 @@ from piezo_model import (
     signals,
 )
 from piezo_model.identification.dynamics_parameters import Parameters
-from piezo_model.identification.error_model import ProgramSolver
-from piezo_model.identification.forward import Box, fit_forward
+from piezo_model.identification.forward import Box
 from piezo_model.identification.resonance import GAIN, Spectra
 from piezo_model.operators import play
 
@@ -185,19 +184,6 @@ def test_the_longest_lag_and_the_shortest_one_can_be_compensated() -> None:
         bank = CompensatorBank(model.structure, 1, dynamics=dynamics)
         bank.set_model(0, model)
         np.testing.assert_array_equal(bank.run(reference[:, None])[:, 0], Compensator(model).run(reference))
-
-
-def test_a_known_resonance_is_fitted_with_the_weights() -> None:
-    model, x = ringing(creep_rates=()), a_drive()
-    state = OperatorState.settled_at(model.structure, x[0])
-    recording, s = Recording.from_arrays(x, model.simulate(x, state), 5e-3), model.structure
-    begun = Parameters(Dynamics((11.15,), (0.027,), (0.8,), 2e-3, 1e-3), 5e-3, free=True, residual=True, with_lag=True)
-    counted, v = np.ones(x.size, dtype=bool), s.inverse_slope_map @ s.straight_line
-    fit = fit_forward(recording, counted, s, [state], v, ProgramSolver(), steps=12, parameters=begun)
-    assert fit.cost < 1e-10
-    np.testing.assert_allclose(fit.weights, model.weights, atol=1e-3)
-    for name, value in SLOW.to_dict().items():
-        assert getattr(fit.dynamics, name) == pytest.approx(value, rel=1e-3)
 
 
 @pytest.mark.sample(1)

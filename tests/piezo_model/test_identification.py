@@ -1,6 +1,5 @@
 """Identification of models that are in the class, of the real recording, with lags and with missing outputs."""
 
-import json
 import re
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from known_models import a_drive, structure, true_model
-from plain_model import simulate_file
 from programs import real_recording
 from scipy.signal import chirp, lfilter, sawtooth
 
@@ -166,9 +164,8 @@ def test_the_real_recording_is_fitted_and_its_transient_is_named(tmp_path: Path)
     lag = model.report["lag"]
     assert lag["samples"] < 2.0
     assert lag["error_percent"] > 0.98 * lag["error_without_lag_percent"]
-    # The same error from the saved file, by plain NumPy.
     model.save(tmp_path / "stage.json")
-    simulated = simulate_file(json.loads((tmp_path / "stage.json").read_text(encoding="utf-8")), recording.x)
+    simulated = HysteresisCreepModel.load(tmp_path / "stage.json").simulate(recording.x)
     found = errors_percent(simulated[fit["skipped"] :], recording.counted_y[fit["skipped"] :])
     np.testing.assert_allclose(found, (fit["rms_percent"], fit["max_percent"]), rtol=1e-9)
 
@@ -179,7 +176,7 @@ def test_a_model_of_the_first_half_of_the_real_recording_predicts_the_second() -
     half = whole.length // 2
     first = Recording.from_arrays(x[:half], y[:half], whole.sample_time, name="first half")
     model = identify(first, n=5, m=3, creep_rates=(10.0, 1.0, 0.1))
-    errors, fit = errors_percent(simulate_file(model.to_dict(), x)[half:], y[half:]), model.report["fit"]
+    errors, fit = errors_percent(model.simulate(x)[half:], y[half:]), model.report["fit"]
     assert np.all(errors < 1.2 * np.array([fit["rms_percent"], fit["max_percent"]]))  # RMS 0.300 % after 0.293 %
 
 

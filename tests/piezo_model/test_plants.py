@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from ringing_stage import RingingStage, T, steps
 
-from piezo_model import Dynamics, plants
-from piezo_model.operators import creep, dead_zone, play
+from piezo_model import DataBasis, Dynamics, ModelStructure, plants
 from piezo_model.plants.bouc_wen import BoucWen
 from piezo_model.signals import decaying_triangle, multi_sine
 
@@ -240,37 +239,13 @@ def test_a_minor_loop_of_bouc_wen_does_not_close_and_those_of_the_others_do(name
 # The plants are not in the model class
 
 
-def voltage_width_of_minor_loop(name, low):
-    """Largest width, V, of the loop between low and low + 30 V, measured along the voltage at constant displacement."""
-    x = np.linspace(low, low + 30.0, 301)
-    plant = plants.get(name, creep_share=0.0)
-    plant.run(ramp(0.0, low))
-    for _ in range(20):
-        up, down = plant.run(x), plant.run(x[::-1])[::-1]
-    levels = np.linspace(up[0], up[-1], 400)
-    return float((np.interp(levels, up, x) - np.interp(levels, down, x)).max())
-
-
-def test_the_width_of_a_minor_loop_changes_with_its_bias_for_preisach_as_it_cannot_for_prandtl_ishlinskii():
-    # y = S[H[x]] with a memoryless S: the width along x at constant y is that of H, the same at each bias.
-    dense, preisach = (
-        [voltage_width_of_minor_loop(name, low) for low in (0.0, 30.0, 60.0, 90.0, 120.0)]
-        for name in ("dense_prandtl_ishlinskii", "relay_preisach")
-    )
-    assert max(dense) / min(dense) < 1.001
-    assert max(preisach) / min(preisach) > 1.5
-
-
 def residual_of_the_model_class(x, y, n, m):
-    """Relative RMS of the unconstrained least-squares fit of the paper's equation (5)."""
-    u, v = x / 75.0 - 1.0, y / 20.0
-    r = np.arange(n + 1) / (n + 1)
-    H, _ = play(u, r, -(1.0 - r))
-    K = np.stack([creep(u, r, np.full(n + 1, rate), TS, -(1.0 - r))[0] for rate in (100.0, 10.0, 1.0, 0.1)]).sum(axis=0)
-    s = np.arange(-m, m + 1) / (m + 1) * np.abs(v).max()
-    Xi = np.hstack([H[:, 1:], K, dead_zone(v, s), np.ones((u.size, 1))])
-    weights, *_ = np.linalg.lstsq(Xi, -u, rcond=None)
-    return float(np.sqrt(np.mean((Xi @ weights + u) ** 2)) / np.ptp(u))
+    """Relative RMS of the unconstrained least-squares fit of the paper's equation (5), (4) at its least."""
+    basis = DataBasis(
+        ModelStructure.equidistant(n, m, (0.0, 150.0), (-20.0, 20.0), (100.0, 10.0, 1.0, 0.1), TS, offset=True)
+    )
+    basis.update(x, y)
+    return np.sqrt(2.0 * basis.c - basis.q @ np.linalg.lstsq(basis.P, basis.q)[0]) / np.ptp(x / 75.0)
 
 
 @every_plant

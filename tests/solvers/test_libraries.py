@@ -190,12 +190,6 @@ def test_an_answer_found_at_a_tight_tolerance_is_as_exact_as_stated(name: str, f
         assert solver.solution().found or DIRECT[name].gives_up
 
 
-@each_common
-def test_the_default_settings_of_a_library_answer_approximately_right(name: str) -> None:
-    problem = pair("mixed rows", 18)
-    assert problem.error(ready(Lane.DIRECT, name, problem.problems[0], None).solve()) < 0.05
-
-
 @pytest.mark.parametrize(
     ("lane", "name", "form"),
     [
