@@ -12,7 +12,6 @@ from typing import Any
 import h5py
 import nptdms
 import numpy as np
-import openpyxl
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -69,10 +68,11 @@ nexus = hdf5(
 
 
 def hdf5_compound(path: Path) -> None:
+    """With a text in each row."""
+    record = np.empty(N, [("time", "f8"), ("voltage_V", "f8"), ("y_um", "f8"), ("note", h5py.string_dtype())])
+    record["time"], record["voltage_V"], record["y_um"], record["note"] = T, X, Y, "well"
     with h5py.File(path, "w") as file:
-        file.create_dataset(
-            "record", data=np.rec.fromarrays([T, X, Y], names="time,voltage_V,y_um"), chunks=(100,), compression="gzip"
-        )
+        file.create_dataset("record", data=record, chunks=(100,), compression="gzip")
 
 
 def tdms(*segments: list[nptdms.ChannelObject]) -> Callable[[Path], None]:
@@ -123,23 +123,18 @@ def mat_7_3(path: Path) -> None:
 
 
 def workbook(path: Path) -> None:
-    book = openpyxl.Workbook()
-    book.active.append(["nothing here"])
-    sheet = book.create_sheet("Messung 1")
-    for row in (["Operator", "K"], [], [None, "Zeit", "Spannung", "Weg"], [None, "s", "V", "µm"]):
+    """With another table beside the recording, on the second sheet."""
+    book = table_workbook(path, ["nothing here"])
+    sheet, rows = book.create_sheet("Messung 1"), zip(T.tolist(), X.tolist(), Y.tolist(), strict=True)
+    heads = ["Operator", "K"], [], ["f", "gain", None, "Zeit", "Spannung", "Weg"], [None, None, None, "s", "V", "µm"]
+    for row in (*heads, *([k, y, None, t, x, y] for k, (t, x, y) in enumerate(rows)), ["Ende"]):
         sheet.append(row)
-    for row in zip(T.tolist(), X.tolist(), Y.tolist(), strict=True):
-        sheet.append([None, *row])
-    sheet.append(["Ende"])
     book.save(path)
 
 
 def strict_workbook(path: Path) -> None:
-    """In Strict Open XML, with another table beside the recording."""
-    book = table_workbook(path, ["f", "gain", "phase", None, "Zeit", "Spannung", "Weg"])
-    for row in zip(range(N), X.tolist(), Y.tolist(), [None] * N, T.tolist(), X.tolist(), Y.tolist(), strict=True):
-        book.active.append(row)
-    book.save(path)
+    """In Strict Open XML."""
+    workbook(path)
     with zipfile.ZipFile(path) as archive:
         parts = {part: archive.read(part) for part in archive.namelist()}
     with zipfile.ZipFile(path, "w") as archive:
@@ -218,6 +213,10 @@ FORMATS: dict[str, tuple[Callable[[Path], Any], dict[str, str]]] = {
     "MAT 5 cells": (
         lambda path: scipy.io.savemat(path, {"log": np.array([T, X, Y, T[:3]], object)}),
         {"time": "log/1", "input": "log/2", "output": "log/3"},
+    ),
+    "MAT 5 beside a large sparse matrix": (
+        lambda path: scipy.io.savemat(path, {"t": T, "u": X, "y": Y, "grid": scipy.sparse.eye_array(10**5, k=9)}),
+        {"time": "t", "input": "u", "output": "y"},
     ),
     "MAT 7.3": (mat_7_3, {"time": "t", "input": "u", "output": "y"}),
     "NPY": (

@@ -128,6 +128,7 @@ REPAIRED: dict[str, tuple[str, str, slice, int]] = {
         1500,
     ),
     "a row cut off": (CLEAN + "10.0,1", "incomplete lines at the end are left out: 1", slice(0), 0),
+    "a row without its last cell": (CLEAN + "10.0,1,", "incomplete rows at the end are left out: 1", slice(0), 0),
 }
 
 

@@ -14,7 +14,6 @@ import nptdms
 import numpy as np
 import openpyxl
 import pytest
-import scipy.io
 from command_line import python
 from recording_files import N, X, Y
 from test_recording_formats import FORMATS, PERIOD, T, made
@@ -179,21 +178,6 @@ def test_a_batch_that_is_read_when_it_is_wanted_is_a_batch(tmp_path: Path, monke
     assert "a batch of 3 recordings of 1000 samples" in small.describe()
     monkeypatch.setattr(libraries, "AT_ONCE", 0)
     assert Recording.open(tmp_path / "stage.h5") == small
-
-
-def test_texts_beside_the_numbers_of_a_record_are_not_read(tmp_path: Path) -> None:
-    record = np.empty(N, [("time", "f8"), ("voltage_V", "f8"), ("y_um", "f8"), ("note", h5py.string_dtype())])
-    record["time"], record["voltage_V"], record["y_um"], record["note"] = T, X, Y, "well"
-    with h5py.File(tmp_path / "stage.h5", "w") as file:
-        file["record"] = record
-    recording = Recording.open(tmp_path / "stage.h5")
-    np.testing.assert_array_equal((recording.x, recording.y), [X, Y])
-
-
-def test_a_sparse_matrix_beside_the_signals_counts_its_values_only(tmp_path: Path) -> None:
-    sparse = scipy.sparse.csc_matrix(([1.0], ([5], [7])), shape=(10**5, 10**5))
-    scipy.io.savemat(tmp_path / "stage.mat", {"t": T, "u": X, "y": Y, "grid": sparse})
-    assert Recording.open(tmp_path / "stage.mat").length == N
 
 
 def test_a_recording_that_was_read_does_not_change_with_its_file(tmp_path: Path) -> None:

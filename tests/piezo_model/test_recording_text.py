@@ -145,6 +145,11 @@ FILES: dict[str, tuple[bytes | str, dict]] = {
         {"input": "CH3", "output": "CH4"},
     ),
     "header by its row": (f"1,2,3\nnumbers,follow,below\n{HEADER}{rows('{t},{x},{y}')}", {"header_row": 3}),
+    "header without its line break": (
+        "# afmformats\n#\n# height (measured)\theight (piezo)\tsegment\ttime"
+        + rows("{y}\t{x}\t{flag}\t{t}", end="\r\n"),
+        {},
+    ),
     "columns by number": (f"a,b,c\n{rows('{y},{t},{x}')}", {"time": "2", "input": "3", "output": "1"}),
 }
 
@@ -158,19 +163,6 @@ def test_plain_text_of_every_kind_gives_the_clean_arrays(tmp_path: Path, name: s
     np.testing.assert_array_equal([recording.x, recording.y], [X, Y])
     assert recording.sample_time == pytest.approx(1 / RATE, rel=3e-5)
     assert pickle.loads(pickle.dumps(recording)).digest() == recording.digest()
-
-
-def test_a_header_that_lacks_its_line_break_still_names_the_columns(tmp_path: Path) -> None:
-    path = tmp_path / "curve.tab"
-    path.write_text(
-        "# afmformats\n#\n# height (measured)\theight (piezo)\tsegment\ttime"
-        + rows("{y}\t{x}\t{flag}\t{t}", end="\r\n"),
-        newline="",
-    )
-    recording = Recording.open(path)
-    np.testing.assert_array_equal([recording.x, recording.y], [X, Y])
-    assert recording.columns == {"time": "time", "input": "height (piezo)", "output": "height (measured)"}
-    assert recording.input_unit == ""
 
 
 def test_a_recording_describes_its_dialect_and_guesses_in_two_lines(tmp_path: Path) -> None:
@@ -187,13 +179,6 @@ def test_a_recording_describes_its_dialect_and_guesses_in_two_lines(tmp_path: Pa
     )
 
 
-@pytest.mark.parametrize(("last", "what"), [("3,4", "line"), ("3,4,", "row")])
-def test_an_incomplete_last_row_is_reported(tmp_path: Path, last: str, what: str) -> None:
-    recording = Recording.open(text_file(tmp_path, HEADER.strip(), "0,1,2", "1,2,3", "2,2,5", last))
-    assert (recording.length, recording.remarks) == (3, (f"incomplete {what}s at the end are left out: 1",))
-    assert f"Note: {recording.remarks[0]}." in recording.describe()
-
-
 def stamps(form: str, start: str, period_ns: int, count: int) -> list[str]:
     """Times as text: {Y}, {M}, {D}, {h}, {m}, {s} and {n}, the nanoseconds."""
     times = np.datetime64(start, "ns") + period_ns * np.arange(count).astype("m8[ns]")
@@ -201,57 +186,58 @@ def stamps(form: str, start: str, period_ns: int, count: int) -> list[str]:
     return [form.format(**dict(zip("YMDhmsn", part, strict=True))) for part in parts.tolist()]
 
 
-@pytest.mark.parametrize("period_ns", [100, 500, 1000, 125_500])
-@pytest.mark.parametrize(
-    "form", ["{Y}-{M}-{D}T{h}:{m}:{s}.{n}Z", "{D}.{M}.{Y} {h}:{m}:{s},{n}", "{h}:{m}:{s}.{n}", "{m}:{s}.{n}"]
-)
-def test_clocks_are_read_to_the_nanosecond(tmp_path: Path, form: str, period_ns: int) -> None:
-    separator, times = ";" if "," in form else ",", stamps(form, "2024-01-31T12:00:59.9999", period_ns, 3000)
-    lines = [HEADER.strip().replace(",", separator), *(f"{t};{k % 7};{k % 5}" for k, t in enumerate(times))]
-    path = text_file(tmp_path, *(line.replace(";", separator) for line in lines))
-    assert Recording.open(path).sample_time == period_ns / 1e9
+def midnight(order: str, day: str, rows_before: int) -> list[str]:
+    """A day's last milliseconds and the next day's first second."""
+    start = np.datetime64(f"2024-{day}T23:59:59.999999", "ns") - np.timedelta64(rows_before, "ms")
+    return stamps(f"{order} {{h}}:{{m}}:{{s}}.{{n}}", str(start), 1_000_000, rows_before + 1000)
+
+
+SUMMER_TIME = {
+    "2024-03-31T01:59:59.{}+0100": "2024-03-31T03:00:00.{}+0200",
+    "2024-10-27 02:59:59.{} +02:00": "2024-10-27 02:00:00.{} +01:00",
+    "02:59:59.{}-05": "02:00:00.{}-06",
+    "23:59:59.{}Z": "02:00:00.{}+02:00",
+}
+"""The last second before a change of the offset from UTC, and the first after it."""
+MINUTES = [f"{k // 600 % 60:02d}:{k // 10 % 60:02d}" + (f".{k % 10}" if k % 10 else "") for k in range(20_001, 22_001)]
+"""Of minutes and seconds, without a fraction on whole seconds."""
 
 
 @pytest.mark.parametrize(
-    ("order", "day", "rows_before_midnight"),
+    ("times", "period"),
     [
-        *product(
-            ["{D}/{M}/{Y}", "{M}/{D}/{Y}", "{D}-{M}-{Y}", "{M}-{D}-{Y}", "{D}.{M}.{Y}"],
-            ["01-12", "01-11", "01-31", "12-31", "05-05"],
-            [5],
+        *(
+            pytest.param(stamps(form, "2024-01-31T12:00:59.9999", ns, 3000), ns / 1e9, id=f"{form} {ns} ns")
+            for form in (
+                "{Y}-{M}-{D}T{h}:{m}:{s}.{n}Z",
+                "{D}.{M}.{Y} {h}:{m}:{s}.{n}",
+                "{h}:{m}:{s}.{n}",
+                "{m}:{s}.{n}",
+            )
+            for ns in (100, 500, 1000, 125_500)
         ),
-        *product(["{D}/{M}/{Y}", "{M}/{D}/{Y}"], ["01-12", "05-05"], [20_000]),
+        *(
+            pytest.param(midnight(order, day, rows_before), 1e-3, id=f"{order} {day} {rows_before}")
+            for order, day, rows_before in (
+                *product(
+                    ["{D}/{M}/{Y}", "{M}/{D}/{Y}", "{D}-{M}-{Y}", "{M}-{D}-{Y}", "{D}.{M}.{Y}"],
+                    ["01-12", "01-11", "01-31", "12-31", "05-05"],
+                    [5],
+                ),
+                *product(["{D}/{M}/{Y}", "{M}/{D}/{Y}"], ["01-12", "05-05"], [20_000]),
+            )
+        ),
+        *(
+            pytest.param([each.format(f"{k:03d}") for each in forms for k in range(0, 1000, 5)], 5e-3, id=forms[0])
+            for forms in SUMMER_TIME.items()
+        ),
+        pytest.param(MINUTES, 0.1, id="minutes"),
     ],
 )
-def test_the_order_of_day_and_month_is_that_of_the_whole_column(
-    tmp_path: Path, order: str, day: str, rows_before_midnight: int
+def test_clocks_and_dates_in_any_order_with_any_offset_are_read_to_the_nanosecond(
+    tmp_path: Path, times: list[str], period: float
 ) -> None:
-    start = np.datetime64(f"2024-{day}T23:59:59.999999", "ns") - np.timedelta64(rows_before_midnight, "ms")
-    times = stamps(f"{order} {{h}}:{{m}}:{{s}}.{{n}}", str(start), 1_000_000, rows_before_midnight + 1000)
-    assert Recording.open(with_times(tmp_path, times)).sample_time == 0.001
-
-
-@pytest.mark.parametrize(
-    ("last_before", "first_after"),
-    [
-        ("2024-03-31T01:59:59.{}+0100", "2024-03-31T03:00:00.{}+0200"),
-        ("2024-10-27 02:59:59.{} +02:00", "2024-10-27 02:00:00.{} +01:00"),
-        ("02:59:59.{}-05", "02:00:00.{}-06"),
-        ("23:59:59.{}Z", "02:00:00.{}+02:00"),
-    ],
-)
-def test_offsets_from_utc_count_at_the_changes_of_summer_time(
-    tmp_path: Path, last_before: str, first_after: str
-) -> None:
-    times = [form.format(f"{k:03d}") for form in (last_before, first_after) for k in range(0, 1000, 5)]
-    assert Recording.open(with_times(tmp_path, times)).sample_time == 0.005
-
-
-def test_clocks_of_minutes_and_seconds_need_no_fraction_everywhere(tmp_path: Path) -> None:
-    times = [
-        f"{k // 600 % 60:02d}:{k // 10 % 60:02d}" + (f".{k % 10}" if k % 10 else "") for k in range(20_001, 22_001)
-    ]
-    assert Recording.open(with_times(tmp_path, times)).sample_time == 0.1
+    assert Recording.open(with_times(tmp_path, times)).sample_time == period
 
 
 @settings(max_examples=60, deadline=None)
