@@ -31,10 +31,10 @@ def trajectory(problem, start, ratio, counts):
     ]
 
 
-def bounded(rng, d, decades):
+def bounded(rng, d, decades, size=1.0):
     """A program of d variables, some without bounds."""
     lb, ub = np.where(rng.random(d) < 0.6, -rng.random(d), -INF), np.where(rng.random(d) < 0.6, rng.random(d), INF)
-    return Problem(spectrum_matrix(rng, d, decades), rng.normal(size=d), lb=lb, ub=ub)
+    return Problem(size * spectrum_matrix(rng, d, decades), size * rng.normal(size=d), lb=lb, ub=ub)
 
 
 def optimum(problem):
@@ -44,10 +44,12 @@ def optimum(problem):
 
 
 @quick
-@given(seed=seeds, d=st.integers(1, 20), ratio=st.floats(0.05, 1.5))
-def test_the_compiled_steps_are_the_equation(seed, d, ratio):
+@given(
+    seed=seeds, d=st.integers(1, 20), ratio=st.floats(0.05, 1.5), decades=st.floats(0, 12), size=st.floats(-200, 200)
+)
+def test_the_compiled_steps_are_the_equation_at_any_condition_and_size(seed, d, ratio, decades, size):
     rng = np.random.default_rng(seed)
-    problem, w = bounded(rng, d, 2.0), rng.normal(size=d)
+    problem, w = bounded(rng, d, decades, 10**size), rng.normal(size=d)
     one = solver(problem, steps=1, step_ratio=ratio, allow_divergence=True)
     one.solve()
     eta, path = one.solution().extras["eta"], trajectory(problem, w, ratio, range(6))

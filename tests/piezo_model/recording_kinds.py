@@ -6,7 +6,7 @@ import numpy as np
 from numpy.random import Generator
 from scipy.signal import lfilter
 
-from piezo_model import plants, signals
+from piezo_model import signals
 from piezo_model.operators import play
 from piezo_model.recordings import Recording
 from solvers.arrays import Vector
@@ -71,14 +71,6 @@ def _on(form: Callable[[Generator, Vector], Vector], drive_form: int | None = No
     return kind
 
 
-def _plant(name: str) -> Kind:
-    def kind(rng: Generator) -> tuple[Vector, Vector]:
-        u = drive(rng)
-        return u, noisy(rng, plants.get(name, sample_time=SAMPLE_TIME).run(75.0 + 75.0 * u))
-
-    return kind
-
-
 def _staircase(rng: Generator) -> tuple[Vector, Vector]:
     u = signals.staircase(duration_s=6.0, sample_time=SAMPLE_TIME, low=-1.0, high=1.0, levels=int(rng.integers(6, 12)))
     return u, noisy(rng, creeping(rng, u))
@@ -112,16 +104,8 @@ DESCRIBABLE: dict[str, Kind] = {
     "one loop": _one_loop,
     "a staircase": _staircase,
     "an amplifier that clips": _on(lambda rng, u: np.clip(loops(rng, u), -0.6, 0.7)),
-    "Bouc-Wen": _plant("bouc_wen"),
-    "relays of Preisach": _plant("relay_preisach"),
     "a slow sine and a lag": _slow_and_late,
 }
-
-
-def _butterfly(rng: Generator) -> tuple[Vector, Vector]:
-    u = drive(rng, form=int(rng.integers(4)))
-    inner = loops(rng, u, rng.uniform(0.3, 0.9))
-    return u, noisy(rng, np.abs(inner) ** rng.uniform(1.0, 2.0) + rng.uniform(-0.1, 0.1) * u)
 
 
 def _friction(rng: Generator) -> tuple[Vector, Vector]:
@@ -148,7 +132,6 @@ def _aliased(rng: Generator) -> tuple[Vector, Vector]:
 
 
 UNDESCRIBABLE: dict[str, tuple[Kind, str]] = {
-    "butterfly": (_butterfly, "butterfly"),
     "friction": (_friction, "does not describe"),
     "white noise": (lambda rng: (drive(rng), rng.standard_normal(6000)), "does not describe"),
     "constant output": (lambda rng: (drive(rng), np.full(6000, 1.7)), "constant"),

@@ -64,14 +64,6 @@ def test_an_answer_at_a_bound_of_the_scaled_variables_is_at_the_bound_and_has_it
     assert s.solution().is_optimal(1e-9)
 
 
-@settings(max_examples=40, deadline=None)
-@given(seed=seeds, d=st.integers(1, 25), decades=st.floats(0, 12), size=st.floats(-200, 200))
-def test_the_step_is_one_over_the_largest_eigenvalue_or_shorter_by_at_most_a_thousandth(seed, d, decades, size):
-    P, q, lb, ub = random_program(seed, d, decades)
-    _, s = solved("projected_difference", P * 10**size, q, lb, ub, steps=1)
-    assert 0.999 - 1e-13 <= s.solution().extras["eta"] * np.linalg.eigvalsh(P)[-1] * 10**size <= 1 + 1e-13
-
-
 @pytest.mark.parametrize("size", [-600, -515, 0, 515, 600])
 @pytest.mark.parametrize("name", ["accelerated_projection", "projected_difference"])
 def test_what_is_found_does_not_depend_on_the_size_of_q(name, size):
