@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from qpsolvers import Problem
 
+from solvers import Solver, get
 from solvers.certificate import certify, exact_cost_gap
 
 Array = NDArray[np.float64]
@@ -27,6 +28,18 @@ def random_program(seed: int, d: int, decades: float) -> tuple[Array, Array, Arr
     fixed = rng.random(d) < 0.1
     q = -P @ rng.normal(size=d) if rng.random() < 0.7 else rng.normal(size=d)
     return P, q, np.where(fixed, 0.5, lb), np.where(fixed, 0.5, ub)
+
+
+def set_up(name: str, problem: Problem, **settings: object) -> Solver:
+    """A solver that is ready for a program."""
+    solver = get(name, **settings)
+    solver.setup(problem)
+    return solver
+
+
+def optimum(problem: Problem) -> Array:
+    """The answer of the exact solver."""
+    return set_up("box_active_set", problem).solve().copy()
 
 
 def inside(x: Array, lb: Array, ub: Array) -> bool:

@@ -1,22 +1,20 @@
 """(7) as a difference equation, w ← Proj_K(w − η (P w + q)): its stability limit, its path and its two coordinates."""
 
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from box_programs import INF, seeds, spectrum_matrix
+from box_programs import INF, optimum, seeds, set_up, spectrum_matrix
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from solvers import Problem, get
+from solvers import Problem
 
 quick = settings(max_examples=40, deadline=None)
 
 
-def solver(problem, **settings_):
-    s = get("projected_difference", **settings_)
-    s.setup(problem)
-    return s
+solver = partial(set_up, "projected_difference")
 
 
 def limit(P):
@@ -35,12 +33,6 @@ def bounded(rng, d, decades, size=1.0):
     """A program of d variables, some without bounds."""
     lb, ub = np.where(rng.random(d) < 0.6, -rng.random(d), -INF), np.where(rng.random(d) < 0.6, rng.random(d), INF)
     return Problem(size * spectrum_matrix(rng, d, decades), size * rng.normal(size=d), lb=lb, ub=ub)
-
-
-def optimum(problem):
-    exact = get("box_active_set")
-    exact.setup(problem)
-    return exact.solve()
 
 
 @quick

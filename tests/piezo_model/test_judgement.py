@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -11,11 +12,19 @@ from hypothesis import strategies as st
 from recording_kinds import DESCRIBABLE, SAMPLE_TIME, UNDESCRIBABLE, creeping, drive, loops, noisy, recording, resonant
 
 from bench.report.fit_review import review
-from piezo_model import IdentificationError, Recording, identify
+from piezo_model import HysteresisCreepModel, IdentificationError, Recording, identify
 from piezo_model.identification.start import structure_of
 from piezo_model.operators import play
 from piezo_model.recordings import RecordingError
 from piezo_model.units import UnitError, quantity
+
+
+@cache
+def known() -> tuple[Recording, HysteresisCreepModel]:
+    """A recording and its model, of three plays and one dead zone on each side."""
+    made = recording(DESCRIBABLE["hysteresis and creep"], 3)
+    return made, identify(made, structure=structure_of(made, 3, 1))
+
 
 SEED, SEEDS = 11, st.integers(0, 10_000)
 REASONS = {reason for _, reason in UNDESCRIBABLE.values()}
@@ -193,14 +202,13 @@ def test_errors_on_another_recording_are_compared_in_units_and_not_as_shares_of_
 
 
 def test_a_recording_in_units_of_something_else_than_the_models_is_refused() -> None:
-    made = recording(DESCRIBABLE["hysteresis"], 0)
+    made, model = known()
     with pytest.raises(UnitError, match=r"the input is in nm, .* to V;"):
-        identify(made).validate(replace(made, input_unit="nm"))
+        model.validate(replace(made, input_unit="nm"))
 
 
 def test_a_recording_at_another_rate_is_validated_and_simulated_by_the_model_at_that_rate() -> None:
-    made = recording(DESCRIBABLE["hysteresis and creep"], 3)
-    model = identify(made, structure=structure_of(made, 3, 1))
+    made, model = known()
     slow = Recording.from_arrays(made.x[::2], made.y[::2], 2.0 * SAMPLE_TIME)
     found = model.validate(slow)
     assert found.model.structure.sample_time == 2.0 * SAMPLE_TIME
@@ -209,10 +217,10 @@ def test_a_recording_at_another_rate_is_validated_and_simulated_by_the_model_at_
 
 
 def test_a_recording_in_mV_and_nm_is_identified_validated_and_simulated_like_that_in_V_and_um() -> None:
-    made = recording(DESCRIBABLE["hysteresis and creep"], 3)
+    made, model = known()
     small = replace(made.in_units("mV", "nm"), name="small.csv", units="")
     said = "small.csv: the input is converted from mV to V and the output is converted from nm to µm."
-    model, other = (identify(each, structure=structure_of(made, 3, 1)) for each in (made, small))
+    other = identify(small, structure=structure_of(made, 3, 1))
     np.testing.assert_allclose(other.weights, model.weights, rtol=1e-6, atol=1e-9)
     assert other.structure == model.structure
     found, expected = model.validate(small), model.validate(made)
@@ -227,8 +235,7 @@ def test_a_recording_in_mV_and_nm_is_identified_validated_and_simulated_like_tha
 
 
 def test_a_recording_without_units_is_taken_in_those_of_the_model_with_a_sentence() -> None:
-    made = recording(DESCRIBABLE["hysteresis"], 3)
-    model = identify(made, n=5, m=3)
+    made, model = known()
     found = model.validate(Recording.from_arrays(made.x, made.y, SAMPLE_TIME, name="bare.csv"))
     assert found.fit.rms == pytest.approx(model.report["fit"]["rms"], rel=1e-5)  # its mean error is 0 to first order
     assert (
@@ -296,14 +303,14 @@ def test_an_extrapolation_is_not_taken_for_an_offset_of_the_sensor() -> None:
 
 
 def test_a_single_outlier_is_named_with_its_sample_and_value() -> None:
-    made = recording(DESCRIBABLE["hysteresis"], 3)
+    made, model = known()
     y = np.where(np.arange(made.length) == 4711, 1e6, made.y)
     spoiled = Recording.from_arrays(made.x, y, SAMPLE_TIME, output_unit="um")
     with pytest.raises(
         IdentificationError, match=r"the output is 1 m in sample 4711, and from .* in all others: an outlier"
     ):
         identify(spoiled, n=3, m=1)
-    assert "in sample 4711" in " ".join(identify(made, n=3, m=1).validate(spoiled).sentences())
+    assert "in sample 4711" in " ".join(model.validate(spoiled).sentences())
 
 
 @pytest.mark.sample(2)

@@ -13,9 +13,9 @@ import h5py
 import numpy as np
 import openpyxl
 import pytest
-from recording_files import HEADER, TWO_RATES, refusal, text_file, waves, workbook
+from recording_files import HEADER, TWO_RATES, error_of, refusal, text_file, waves, workbook
 
-from piezo_model.recordings import Recording, RecordingError
+from piezo_model.recordings import Recording
 from piezo_model.units import canonical
 
 ORDINALS = {2: "row 3 (data row 2)", 26: "row 27 (data row 26)", 50: "row 51 (data row 50)"}
@@ -417,7 +417,5 @@ def test_the_size_that_a_workbook_states_is_not_believed(tmp_path: Path) -> None
 
 
 def read_or_refused(path: Path) -> None:
-    try:
-        Recording.open(path)
-    except RecordingError:
+    if error_of(path):
         refusal(path)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from box_programs import INF, gap, inside, random_program, seeds
+from box_programs import INF, gap, inside, random_program, seeds, set_up
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -10,8 +10,7 @@ from solvers import Problem, get
 
 
 def solved(name, P, q, lb, ub, **settings_):
-    s = get(name, **settings_)
-    s.setup(Problem(P, q, lb=lb, ub=ub))
+    s = set_up(name, Problem(P, q, lb=lb, ub=ub), **settings_)
     return s.solve().copy(), s
 
 

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from box_programs import INF, gap, inside, random_program, seeds, spectrum_matrix
+from box_programs import INF, gap, inside, random_program, seeds, set_up, spectrum_matrix
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from programs import ALL
@@ -62,9 +62,7 @@ def relative_gap(P, q, lb, ub, x, least=1e-3):
 
 
 def solver(P, q, lb, ub, **settings_):
-    s = get("box_active_set", **settings_)
-    s.setup(Problem(P, q, lb=lb, ub=ub))
-    return s
+    return set_up("box_active_set", Problem(P, q, lb=lb, ub=ub), **settings_)
 
 
 @settings(max_examples=120, deadline=None)

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from box_programs import INF, random_program
+from box_programs import INF, random_program, set_up
 from command_line import python
 from programs import ALL, solver_class
 
@@ -312,9 +312,7 @@ each_of_ours = pytest.mark.parametrize("name", SETTINGS)
 
 
 def ready(name: str, problem: Problem) -> Solver:
-    solver = solvers.get(name, "kernel", **SETTINGS.get(name, {}))
-    solver.setup(problem)
-    return solver
+    return set_up(name, problem, **SETTINGS[name])
 
 
 def boxed(P: object, q: object) -> Problem:
