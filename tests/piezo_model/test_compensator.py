@@ -115,24 +115,19 @@ def test_the_states_before_a_recording_are_for_a_model_that_has_them(model: Hyst
         model.initial_state("recording")
 
 
-def limited(case: Case) -> tuple[Compensator, tuple[float, float], float]:
-    s = case.structure
-    limits = s.x_centre - 0.7 * s.x_scale, s.x_centre + 0.6 * s.x_scale
-    case.state.play[:] = np.clip(case.state.play, -0.7, 0.6)  # the actuator stands inside its limits
-    rate = 0.03 * s.x_scale / s.sample_time
-    return Compensator(case.model, limits, rate, case.state), limits, rate * s.sample_time
-
-
 @settings(max_examples=60)
 @given(cases(), st.lists(st.floats(), min_size=1, max_size=60))
 def test_any_reference_gives_a_drive_that_is_finite_and_inside_all_limits(case: Case, y_ref: list[float]) -> None:
-    compensator, (low, high), step = limited(case)
-    start = case.structure.x_centre + case.structure.x_scale * compensator.state.play[0]
+    s = case.structure
+    (low, high), rate = (s.x_centre - 0.7 * s.x_scale, s.x_centre + 0.6 * s.x_scale), 0.03 * s.x_scale / s.sample_time
+    case.state.play[:] = np.clip(case.state.play, -0.7, 0.6)  # the actuator stands inside its limits
+    compensator = Compensator(case.model, (low, high), rate, case.state)
+    start = s.x_centre + s.x_scale * compensator.state.play[0]
     x = compensator.run(np.array(y_ref))
     assert np.all(np.isfinite(x))
     assert np.all((x >= low) & (x <= high))
-    rounding = 4 * np.spacing(abs(case.structure.x_centre) + case.structure.x_scale)
-    assert np.all(np.abs(np.diff(x, prepend=start)) <= step + rounding)
+    rounding = 4 * np.spacing(abs(s.x_centre) + s.x_scale)
+    assert np.all(np.abs(np.diff(x, prepend=start)) <= rate * s.sample_time + rounding)
     assert all(np.all(np.isfinite(z)) for z in (compensator.state.play, compensator.state.creep))
 
 

@@ -175,32 +175,32 @@ def model(**changes: Any) -> HysteresisCreepModel:
     return replace(MODEL, **changes)
 
 
-FOUND: list[tuple[Callable[..., Any], dict[str, Any]]] = [
-    *(
-        (learner, {"mode": mode, name: value})
-        for mode in MODES
-        for name, value in (
-            ("x_limits", np.array([0, 150])),
-            ("x_limits", (np.float32(0), np.int64(150))),
-            ("rate_limit", np.float32(0.1)),
-            ("forgetting_time_s", np.float32(0.7)),
-            ("hand_over_s", np.float32(0.03)),
-            ("integral_gain", np.float32(0.1)),
-            ("proximal", np.float32(0.1)),
-            ("solve_delay_samples", np.int64(3)),
-            ("estimate_offset", np.True_),
-            ("solver_options", {"step_ratio": np.float32(0.3)}),
-        )
-    ),
-    (bank, {"x_limits": (np.float32(0), np.array([100, 150]))}),
-    (bank, {"forgetting_time_s": np.float32(0.7), "integral_gain": np.float32(0.1), "rate_limit": np.int64(5)}),
-    (model, {"report": {"rms": np.float32(0.1), "runs": np.int64(3), "nested": {"all": [np.True_, (1, 2)]}}}),
-    (model, {"report": {"curve": np.arange(3.0), "lag": np.nan, 3: None}}),
-    (model, {"w_H": MODEL.w_H.astype(np.float32), "offset": np.float32(0.1), "start": STATES}),
-]
-
-
-@pytest.mark.parametrize(("make", "options"), FOUND)
+@pytest.mark.parametrize(
+    ("make", "options"),
+    [
+        *(
+            (learner, {"mode": mode, name: value})
+            for mode in MODES
+            for name, value in (
+                ("x_limits", np.array([0, 150])),
+                ("x_limits", (np.float32(0), np.int64(150))),
+                ("rate_limit", np.float32(0.1)),
+                ("forgetting_time_s", np.float32(0.7)),
+                ("hand_over_s", np.float32(0.03)),
+                ("integral_gain", np.float32(0.1)),
+                ("proximal", np.float32(0.1)),
+                ("solve_delay_samples", np.int64(3)),
+                ("estimate_offset", np.True_),
+                ("solver_options", {"step_ratio": np.float32(0.3)}),
+            )
+        ),
+        (bank, {"x_limits": (np.float32(0), np.array([100, 150]))}),
+        (bank, {"forgetting_time_s": np.float32(0.7), "integral_gain": np.float32(0.1), "rate_limit": np.int64(5)}),
+        (model, {"report": {"rms": np.float32(0.1), "runs": np.int64(3), "nested": {"all": [np.True_, (1, 2)]}}}),
+        (model, {"report": {"curve": np.arange(3.0), "lag": np.nan, 3: None}}),
+        (model, {"w_H": MODEL.w_H.astype(np.float32), "offset": np.float32(0.1), "start": STATES}),
+    ],
+)
 def test_numbers_of_numpy_are_saved_and_loaded(
     make: Callable[..., Any], options: dict[str, Any], tmp_path: Path
 ) -> None:

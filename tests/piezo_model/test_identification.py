@@ -40,13 +40,6 @@ def test_an_unknown_start_is_found_and_every_sample_counts() -> None:
     assert model.report["fit"]["max_percent"] < 0.5
 
 
-def test_a_recording_other_than_that_of_the_identification_has_a_start_of_its_own() -> None:
-    s, x = structure(), a_drive(600)
-    model = replace(true_model(s), start=OperatorState.settled_at(s, 20.0), report={"fit": {"rms": 10.0, "skipped": 0}})
-    y = model.simulate(x, OperatorState.settled_at(s, x[0], came_from="above"))
-    assert model.validate(Recording.from_arrays(x, y, 5e-3)).fit.rms < 1e-3
-
-
 @pytest.mark.parametrize("rest", [0.0, 0.9, -0.9])
 def test_the_weight_of_a_threshold_beyond_the_drive_keeps_its_reference_and_a_curve_beyond_it_goes_on(
     rest: float,

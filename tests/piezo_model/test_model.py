@@ -113,9 +113,6 @@ def model() -> HysteresisCreepModel:
     return model_of(rng, structure_of(rng, 5, 3, 2, 3, True))
 
 
-SWINGS = 0.999 ** np.arange(20_000)
-
-
 @pytest.mark.parametrize("x", [-10.0, 0.0, 20.0, 50.0, 100.0])
 @pytest.mark.parametrize(("came_from", "before"), [("above", 800.0), ("below", -800.0)])
 def test_the_settled_states_are_those_after_a_long_time_at_the_input(
@@ -132,7 +129,10 @@ def test_the_settled_states_are_those_after_a_long_time_at_the_input(
 @pytest.mark.parametrize("x", [-10.0, 0.0, 20.0, 50.0, 100.0])
 def test_the_states_of_no_known_direction_are_those_after_swings_through_the_range_that_died_away(x: float) -> None:
     s = ModelStructure.equidistant(3, 1, (0.0, 100.0), (-1.0, 1.0), (1e3,), 1e-3)
-    model, swings = HysteresisCreepModel.from_weights(s, s.straight_line), np.outer(SWINGS, (100.0 - x, 0.0 - x))
+    model, swings = (
+        HysteresisCreepModel.from_weights(s, s.straight_line),
+        np.outer(0.999 ** np.arange(20_000), (100.0 - x, 0.0 - x)),
+    )
     swung = model.advance([*(x + swings.ravel()), x], OperatorState.settled_at(s, 50.0))[1]
     np.testing.assert_allclose(OperatorState.settled_at(s, x).play, swung.play, atol=2e-3)
 

@@ -230,27 +230,27 @@ def test_values_that_are_not_finite_are_counted(tmp_path: Path, suffix: str) -> 
     assert re.search(f"column 'voltage_V' is missing in .*data row 70001.*{in_all}", refusal(path))
 
 
-PARQUET: list[tuple[dict[str, object], dict[str, str], str]] = [
-    ({name: pa.array([], pa.float64()) for name in "tuy"}, {}, "has no data rows"),
-    ({"u": [1, None, 3]}, {}, "column 'u' is missing in data row 2"),
-    *(
-        ({"u": values}, options, sentence)
-        for values in (["1", "2", "3"], [True, False, True])
-        for options, sentence in (
-            ({}, "cannot tell which column is the input"),
-            ({"input": "u"}, "column 'u' holds values of type"),
-        )
-    ),
-]
-
-
 def test_a_stream_that_was_cut_before_its_first_rows_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "s.arrow"
     path.write_bytes(pa.schema([(name, pa.float64()) for name in ("time_s", "drive_V", "y_um")]).serialize())
     assert "has no data rows" in refusal(path)
 
 
-@pytest.mark.parametrize(("columns", "options", "sentence"), PARQUET)
+@pytest.mark.parametrize(
+    ("columns", "options", "sentence"),
+    [
+        ({name: pa.array([], pa.float64()) for name in "tuy"}, {}, "has no data rows"),
+        ({"u": [1, None, 3]}, {}, "column 'u' is missing in data row 2"),
+        *(
+            ({"u": values}, options, sentence)
+            for values in (["1", "2", "3"], [True, False, True])
+            for options, sentence in (
+                ({}, "cannot tell which column is the input"),
+                ({"input": "u"}, "column 'u' holds values of type"),
+            )
+        ),
+    ],
+)
 def test_a_parquet_file_without_rows_or_of_other_values_than_numbers_is_refused(
     tmp_path: Path, columns: dict[str, object], options: dict[str, str], sentence: str
 ) -> None:

@@ -76,7 +76,6 @@ def test_a_sensor_refuses_a_wrong_option_by_its_name(option, value):
         plants.Sensor(bare("bouc_wen"), **{option: value})
 
 
-UNIT = ModelStructure.equidistant(1, 0, (-1.0, 1.0), (-1.0, 1.0), (), 1e-3)
 FROZEN_DRIVE, JUMP, PLAUSIBLE = 0.02, 0.25, 4.0
 
 RAMP = np.linspace(-0.5, 0.5, 200)
@@ -84,7 +83,9 @@ RAMP = np.linspace(-0.5, 0.5, 200)
 
 def judged(x: np.ndarray, y: np.ndarray) -> list[Verdict]:
     """Verdicts of a new compensator on drives and outputs in normalised units."""
-    learner = SelfLearningCompensator(UNIT, adapt_range=False)
+    learner = SelfLearningCompensator(
+        ModelStructure.equidistant(1, 0, (-1.0, 1.0), (-1.0, 1.0), (), 1e-3), adapt_range=False
+    )
     counts = [learner.counts]
     for sample in zip(x[:, None], y[:, None], strict=True):
         learner.observe(*sample)
@@ -100,7 +101,6 @@ def test_a_sensor_that_follows_its_actuator_is_good_at_every_sample(seed: int) -
 
 
 K, STEPS = np.arange(200), np.repeat([-1.0, 1.0, -1.0], 10)
-TREMBLING = 0.3 + 0.4 * FROZEN_DRIVE * np.sign(np.sin(np.arange(5000)))
 
 
 def gap(value: float, y: np.ndarray = RAMP, begin: int = 50, end: int = 60) -> np.ndarray:
@@ -121,7 +121,7 @@ def gap(value: float, y: np.ndarray = RAMP, begin: int = 50, end: int = 60) -> n
         (RAMP, RAMP + 1.5 * JUMP * (K >= 100), {100: Verdict.JUMPED}),
         (RAMP, gap(RAMP[49], end=150), dict.fromkeys(range(53, 150), Verdict.REFUSED)),
         (STEPS, STEPS, {}),
-        (TREMBLING, np.full(5000, 0.2), {}),
+        (0.3 + 0.4 * FROZEN_DRIVE * np.sign(np.sin(np.arange(5000))), np.full(5000, 0.2), {}),
         (4.0 * RAMP, gap(math.nan, 4.0 * RAMP, 50, 150), dict.fromkeys(range(50, 150), Verdict.MISSING)),
     ],
     ids=[

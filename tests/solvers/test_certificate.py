@@ -349,14 +349,6 @@ def test_a_perturbed_certificate_fails_at_the_line_that_is_wrong(line: str, chan
         verify(corner, replace(proof, **change))
 
 
-def test_moving_any_variable_in_or_out_of_the_active_set_is_noticed() -> None:
-    problem = gram_problem(18, seed=18)
-    proof = certify(problem, np.zeros(18))
-    for member in range(18):
-        with pytest.raises(NotCertified, match=r"proof line [45]"):
-            verify(problem, replace(proof, lower=tuple(sorted(set(proof.lower) ^ {member}))))
-
-
 def test_the_certificate_fails_for_data_that_differ_in_one_bit() -> None:
     proof, P, q = certify(corner, np.zeros(2)), corner.P + np.diag([0.0, 2**-50]), np.nextafter(corner.q, 0)
     for nudged in (Problem(corner.P, q, lb=corner.lb, ub=corner.ub), Problem(P, corner.q, lb=corner.lb, ub=corner.ub)):

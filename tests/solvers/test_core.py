@@ -42,7 +42,6 @@ STRUCTS = {
     "PyMethodDef": "ml_name ml_meth ml_flags ml_doc",
     "PyModuleDef": "m_base m_name m_doc m_size m_methods m_slots m_traverse m_clear m_free",
 }
-CONSTANTS = "METH_FASTCALL PyBUF_WRITABLE PyBUF_FORMAT PyBUF_ND PyBUF_C_CONTIGUOUS PYTHON_ABI_VERSION"
 HEADERS = [
     path for path in (sysconfig.get_path("include"), "/usr/include/python3.11") if Path(path, "Python.h").exists()
 ]
@@ -64,7 +63,11 @@ def test_the_declared_part_of_the_stable_abi_is_that_of_the_real_header(tmp_path
     if not HEADERS:
         lacking("Python.h", "python3-dev")
     members = [f"offsetof({name}, {member})" for name, list_ in STRUCTS.items() for member in list_.split()]
-    numbers = [*members, *(f"sizeof({name})" for name in STRUCTS), *CONSTANTS.split()]
+    numbers = [
+        *members,
+        *(f"sizeof({name})" for name in STRUCTS),
+        *["METH_FASTCALL", "PyBUF_WRITABLE", "PyBUF_FORMAT", "PyBUF_ND", "PyBUF_C_CONTIGUOUS", "PYTHON_ABI_VERSION"],
+    ]
     lines = "\n".join(f'printf("%ld\\n", (long)({number}));' for number in numbers)
     real, own = "#define Py_LIMITED_API 0x030B0000\n#include <Python.h>\n", '#include "python_abi.h"\n'
     ours, theirs = (
