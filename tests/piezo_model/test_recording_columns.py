@@ -196,10 +196,11 @@ def test_rounding_of_printed_times_and_jitter_within_the_tolerance_are_no_irregu
     [
         ({"time_s": np.cumsum(np.full(200_000, 0.005))}, 0.005),
         ({"time_s": (np.arange(100_000) * 1e-4).astype(np.float32)}, 1e-4),
+        ({"time_s": np.array([float(f"{k * 125e-6:.7g}") for k in range(100_000)])}, 125e-6),
         ({"timestamp_ns": 1_700_000_000_123_456_789 + 125_000 * np.arange(5000)}, 125e-6),
         ({"timestamp_s": 1_700_000_000.1234 + 0.005 * np.arange(5000)}, 0.005),
     ],
-    ids=["accumulated", "single precision", "ns since 1970", "s since 1970"],
+    ids=["accumulated", "single precision", "seven digits", "ns since 1970", "s since 1970"],
 )
 def test_binary_times_that_rounding_alone_makes_uneven_are_uniform(
     tmp_path: Path, times: dict[str, np.ndarray], sample_time: float

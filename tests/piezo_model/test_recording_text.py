@@ -197,6 +197,7 @@ SUMMER_TIME = {
     "2024-10-27 02:59:59.{} +02:00": "2024-10-27 02:00:00.{} +01:00",
     "02:59:59.{}-05": "02:00:00.{}-06",
     "23:59:59.{}Z": "02:00:00.{}+02:00",
+    "12:00:00.{}+05:30": "12:30:01.{}+06:00",
 }
 """The last second before a change of the offset from UTC, and the first after it."""
 MINUTES = [f"{k // 600 % 60:02d}:{k // 10 % 60:02d}" + (f".{k % 10}" if k % 10 else "") for k in range(20_001, 22_001)]
@@ -237,7 +238,8 @@ MINUTES = [f"{k // 600 % 60:02d}:{k // 10 % 60:02d}" + (f".{k % 10}" if k % 10 e
 def test_clocks_and_dates_in_any_order_with_any_offset_are_read_to_the_nanosecond(
     tmp_path: Path, times: list[str], period: float
 ) -> None:
-    assert Recording.open(with_times(tmp_path, times)).sample_time == period
+    found = Recording.open(with_times(tmp_path, times))
+    assert (found.sample_time, found.remarks) == (period, ())
 
 
 @settings(max_examples=60, deadline=None)

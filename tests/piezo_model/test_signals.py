@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from piezo_model.signals import SIGNALS, decaying_triangle, multi_sine, random_walk, staircase
+from piezo_model.signals import SIGNALS, decaying_triangle, excitation, multi_sine, random_walk, staircase
 
 TWO_SECONDS = {"duration_s": 2.0, "sample_time": 1e-3, "low": -20.0, "high": 130.0}
 
@@ -93,6 +93,13 @@ def test_a_multi_sine_has_its_energy_at_its_log_spaced_tones_in_the_phases_of_sc
     tones = np.fft.rfft(s)[[8, 32, 128, 512]]
     phases = np.exp(-1j * np.pi * np.array([0.0, 2.0, 6.0, 12.0]) / 4)  # of Schroeder
     np.testing.assert_allclose(tones * 1j / np.abs(tones), phases, atol=1e-6)
+
+
+def test_an_excitation_begins_at_rest_and_holds_two_levels_for_a_sixth_of_its_duration_each():
+    s = excitation(duration_s=6.0, sample_time=1e-3, low=-20.0, high=130.0)
+    assert (s.size, np.argmax(s > -20.0 + 1e-6)) == (6000, 121)
+    for level in (10.0, 100.0):
+        assert np.count_nonzero(np.abs(s - level) < 1e-9) == pytest.approx(1000, abs=10)
 
 
 def test_a_random_walk_starts_at_the_centre_roams_the_range_and_is_band_limited():
