@@ -4,7 +4,7 @@ shared; whatever is saved can be loaded, and what a file cannot hold is refused 
 import copy
 import pickle
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -54,12 +54,8 @@ def micrometres(u: np.ndarray) -> np.ndarray:
     return 20.0 * u
 
 
-@dataclass(frozen=True)
-class Case:
-    """An object in the middle of its work, and a use that goes on from there and returns all that can be seen."""
-
-    make: Callable[[], Any]
-    use: Callable[[Any, int], Any]
+Case = tuple[Callable[[], Any], Callable[[Any, int], Any]]
+"""What makes an object in the middle of its work, and a use that goes on from there and returns what can be seen."""
 
 
 def used(make: Callable[[], Any], use: Callable[[Any, int], Any]) -> Case:
@@ -68,7 +64,7 @@ def used(make: Callable[[], Any], use: Callable[[Any, int], Any]) -> Case:
         use(thing, 100)
         return thing
 
-    return Case(in_the_middle, use)
+    return in_the_middle, use
 
 
 def update(basis: DataBasis, seed: int) -> Any:
@@ -94,7 +90,7 @@ def move_states(state: OperatorState, seed: int) -> Any:
     return before
 
 
-CASES = {
+CASES: dict[str, Case] = {
     **{
         f"a compensator, {name}": used(
             partial(Compensator, model, (0.0, 150.0), rate_limit=1e5, integral_gain=5.0),
@@ -120,26 +116,26 @@ CASES = {
         lambda plant, seed: plant.run(volts(signal(seed, 200))),
     ),
     "states of operators": used(partial(OperatorState.settled_at, STRUCTURE, 40.0, "above"), move_states),
-    "a recording": Case(
+    "a recording": (
         lambda: Recording.from_arrays(volts(signal(0, 200)), micrometres(signal(0, 200)), T, name="here"),
         lambda recording, seed: (recording.digest(), recording.describe()),
     ),
-    "a model": Case(lambda: MODEL, lambda model, seed: (model.simulate(volts(signal(seed, 200))), model.to_dict())),
+    "a model": (lambda: MODEL, lambda model, seed: (model.simulate(volts(signal(seed, 200))), model.to_dict())),
 }
 
 
 @each_way
 @pytest.mark.parametrize("what", CASES)
 def test_a_copy_goes_on_as_the_original_would_and_neither_disturbs_the_other(what: str, way: str) -> None:
-    case, again = CASES[what], COPIES[way]
-    original = case.make()
+    (make, use), again = CASES[what], COPIES[way]
+    original = make()
     one, other = again(original), again(original)
-    case.use(one, 1)
-    expected = case.use(case.make(), 2)
-    np.testing.assert_equal(case.use(other, 2), expected)
-    np.testing.assert_equal(case.use(original, 2), expected)
+    use(one, 1)
+    expected = use(make(), 2)
+    np.testing.assert_equal(use(other, 2), expected)
+    np.testing.assert_equal(use(original, 2), expected)
     # … and on: what one of them learned is of no effect on the others
-    np.testing.assert_equal(case.use(again(other), 3), case.use(original, 3))
+    np.testing.assert_equal(use(again(other), 3), use(original, 3))
 
 
 @each_way

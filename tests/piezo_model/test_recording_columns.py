@@ -106,14 +106,6 @@ def test_times_become_seconds(tmp_path: Path, name: str, seconds: float) -> None
     assert ("seconds assumed" in recording.describe()) == (name == "time")
 
 
-def kept_back() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Three seconds at rest, a jump to -87 V, then a sine of 150 V; the sensor has an offset."""
-    t = np.arange(12_000) / 1000
-    x = np.where(t < 3, 0.0, 150 * np.sin(2 * np.pi * (t - 3) - np.arcsin(87 / 150)))
-    y = 0.08 * x + 0.02 * play(x, [10.0, 30.0, 60.0], np.full(3, x[0]))[0].sum(axis=1) + 213.7
-    return t, x, y + np.random.default_rng(0).normal(0, 0.02, t.size)
-
-
 @pytest.mark.parametrize(
     ("header", "columns"),
     [
@@ -129,7 +121,10 @@ def kept_back() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     ],
 )
 def test_roles_are_guessed_by_elimination(tmp_path: Path, header: str, columns: tuple[str, ...]) -> None:
-    t, x, y = (values[::8] for values in kept_back())
+    t = np.arange(0, 12, 8e-3)  # three seconds at rest, a jump to -87 V, then a sine of 150 V; the sensor has an offset
+    x = np.where(t < 3, 0.0, 150 * np.sin(2 * np.pi * (t - 3) - np.arcsin(87 / 150)))
+    y = 0.08 * x + 0.02 * play(x, [10.0, 30.0, 60.0], np.full(3, x[0]))[0].sum(axis=1) + 213.7
+    y += np.random.default_rng(0).normal(0, 0.02, t.size)
     cells = {
         "stamp": t,
         "t": t,
