@@ -100,9 +100,9 @@ def test_neither_the_level_of_the_sensor_nor_the_units_nor_the_order_change_the_
 ) -> None:
     slow, fast = recordings
     moved = dataclasses.replace(fast.in_units("mV", "nm"), y=1000.0 * fast.y + 9000.0)
-    for other in (identify([slow, moved]), identify([fast, slow])):
-        for name in ("gain", "hysteresis_percent", "creep_percent_per_decade"):
-            assert other.figures()[name][0] == pytest.approx(both.figures()[name][0], rel=0.03)
+    other = identify([moved, slow])
+    for name in ("gain", "hysteresis_percent", "creep_percent_per_decade"):
+        assert other.figures()[name][0] == pytest.approx(both.figures()[name][0], rel=0.03)
 
 
 def test_recordings_that_contradict_each_other_are_refused(recordings: list[Recording]) -> None:
