@@ -224,7 +224,7 @@ def test_parts_of_a_signal_are_refused_for_a_model_with_dynamics() -> None:
         model.advance([1.0], model.initial_state())
 
 
-SIZE = 24_000
+SIZE = 40_000
 PLANTS = ("maxwell_slip", "relay_preisach", "bouc_wen", "duhem", "dense_prandtl_ishlinskii")
 Modes = tuple[tuple[float, float, float], ...]
 MODE: Modes = ((500.0, 0.01, 1.0),)
