@@ -94,7 +94,9 @@ class DataBasis(Stateful):
         known = ~np.isnan(y)
         with self._core.exclusive():
             if known.any() and self.samples == 0:
-                r, state = self._core["r"], self.state
+                first = int(np.argmax(known))
+                bindings.basis_update(self._core.block, x[:first], y[:first])
+                x, y, known, r, state = x[first:], y[first:], known[first:], self._core["r"], self.state
                 first_play = np.maximum(x[0] - r, np.minimum(x[0] + r, state.play))
                 self._start = OperatorState(first_play, state.creep.copy())
             low, high = self._span[::2], self._span[1::2]

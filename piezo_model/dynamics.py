@@ -80,7 +80,7 @@ class Dynamics:
     >>> y = dynamics.filter(step, 1e-4)  # a resonance overshoots, and settles at the static gain
     >>> bool(y.max() > 1.9), bool(abs(y[-1] - 1.0) < 0.01)
     (True, True)
-    >>> y = dynamics.reference(step, 1e-4)  # behind the inverse it does not ring
+    >>> y = dynamics.filter(dynamics.inverse(step, 1e-4), 1e-4)  # behind the inverse it does not ring
     >>> bool(y.max() < 1.1), f"{1e3 * dynamics.lag_s(1e-4):.2f} ms"
     (True, '0.40 ms')
     """
@@ -155,19 +155,14 @@ class Dynamics:
         return Stream([(np.array([1.0 - p]), np.array([1.0, -p]))], level)(x)
 
     def inverse(self, y_ref: ArrayLike, sample_time: float, level: float | None = None) -> Vector:
-        """F y_ref (N,): the output of the static model for which the output of the stage is :meth:`reference`."""
+        """F y_ref (N,): the output of the static model for which the stage does not ring."""
         y = np.asarray(y_ref, dtype=np.float64)
         for D, R in self.pole_pairs(sample_time):
             y = Stream([(D / R[0], R / R[0])], level)(y)
         return y
 
-    def reference(self, y_ref: ArrayLike, sample_time: float, level: float | None = None) -> Vector:
-        """The output G F y_ref (N,) of the stage behind the inverse, with the lag of the amplifier."""
-        behind = self.amplified(self.inverse(y_ref, sample_time, level), sample_time, level)
-        return self.filter(behind, sample_time, level)
-
     def lag_s(self, sample_time: float) -> float:
-        """Time by which :meth:`reference` lags a slow reference."""
+        """Time by which the output G F y_ref behind the inverse lags a slow reference, with that of the amplifier."""
         return (self.amplifier_samples(sample_time) + self.delay_behind_inverse(sample_time)) * sample_time
 
     def amplifier_samples(self, sample_time: float) -> float:

@@ -242,8 +242,7 @@ def _judge(
     left = [_fit(error, [*creeping, (trend, math.inf)], independent)[1] for trend in trends.T]
     costs, count = np.array([float(one @ one) for one in left]), independent(left[0])
     costs[0] *= 1.0 - math.log(count) / count
-    costs[known < DRIFT_INFORMATION] = math.inf
-    kind = int(np.argmin(costs))
+    kind = int(np.argmin(np.where(known < DRIFT_INFORMATION, math.inf, costs)))
     drifting = [(trends[:, kind], math.inf)] if known[kind] >= DRIFT_INFORMATION else []
     explained, significance = _gain(error, creeping, drifting, independent)
     if not (explained >= (SETTLING_SHARE if kind else DRIFT_SHARE) and significance >= DRIFT_CHI_SQUARE):

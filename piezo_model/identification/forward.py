@@ -207,11 +207,6 @@ def piece_slopes(s: ModelStructure, v: Vector, unit_y: Vector) -> Vector:
     return np.asarray(v[s.slices[1]][np.searchsorted(np.delete(s.dead_zone_thresholds, s.middle), unit_y)])
 
 
-def initial_slopes(s: ModelStructure, state: OperatorState) -> Vector:
-    """Slopes dz/dr of the play states over the thresholds, shape (n,), from −1 to 1."""
-    return np.asarray(np.clip(np.diff(state.play[: s.n + 1]) / np.diff(s.thresholds), -1.0, 1.0))
-
-
 def state_with_slopes(x: Vector, s: ModelStructure, slopes: Vector | float) -> OperatorState:
     """States of a memory curve with slopes dz/dr that begins at the first of the inputs x (N,); creep rests with the
     plays.
@@ -296,7 +291,8 @@ def fit_forward(
     if weights_known:
         box.lb[:d] = box.ub[:d] = v
     theta, with_lag = (np.zeros(0), False) if parameters is None else (parameters.vector, parameters.with_lag)
-    z = np.concatenate([v, *(initial_slopes(s, states[part]) for part in free_parts), np.zeros(k), theta])
+    curves = [np.diff(states[part].play[: s.n + 1]) / np.diff(s.thresholds) for part in free_parts]
+    z = np.concatenate([v, np.clip(np.ravel(curves), -1.0, 1.0), np.zeros(k), theta])
     unit_y, scale = s.unit_output(recording.y), _error_scale(recording, counted)
 
     def trial(z: Vector, static: Vector | None = None) -> Trial:

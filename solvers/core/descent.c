@@ -132,8 +132,12 @@ int descent_set_data(ProjectedGradient *s, const real *P, const real *q, real ra
         memcpy(s->q, q, (size_t)d * sizeof(real));
     }
     if (P != NULL) {
+        real most = 0;
         for (int j = 0; j < d; ++j) {
-            const real diagonal = P[j * d + j];
+            most = P[j * d + j] > most ? P[j * d + j] : most;
+        }
+        for (int j = 0; j < d; ++j) { /* a variable without a cost of its own has the scale of the data, too */
+            const real diagonal = P[j * d + j] > 0 ? P[j * d + j] : most;
             s->D[j] = scaled && diagonal > 0 ? 1 / ROOT(diagonal) : 1;
         }
         const int status = scaled_symmetric(P, d, ld, s->D, s->copy);

@@ -21,9 +21,8 @@ def test_any_chunking_gives_the_same_bits_and_a_missing_output_counts_like_one_t
     counted = case.rng.random(x.size) < 0.9
     counted[:BLOCK], counted[-7:] = case.rng.random() < 0.5, True
     whole, parts = (DataBasis(case.structure, case.state, forgetting) for _ in range(2))
-    first, out = int(np.argmax(counted)), case.structure.unit_output(y[counted])
-    whole.update(x[:first], y[:first], count=False)
-    whole.update(x[first:], np.where(counted, y, np.nan)[first:])
+    out = case.structure.unit_output(y[counted])
+    whole.update(x, np.where(counted, y, np.nan))
     cuts = np.union1d(np.flatnonzero(np.diff(counted)) + 1, case.rng.integers(0, x.size, 9))
     for a, b, count in zip(np.split(x, cuts), np.split(y, cuts), np.split(counted, cuts), strict=True):
         parts.update(a, b, count=bool(count.all()) if count.size else False)

@@ -85,3 +85,11 @@ def test_what_is_found_does_not_depend_on_the_size_of_q(name, size):
 )
 def test_a_run_ended_by_its_limit_of_steps_has_found_an_answer_only_if_its_last_step_is_short(name, steps, found):
     assert solved(name, *random_program(5, 18, 2), steps=steps)[1].solution().found == found
+
+
+@pytest.mark.parametrize("scale", [1e-100, 1e-12, 1e12, 1e100])
+def test_a_variable_without_a_cost_of_its_own_goes_to_its_bound_at_any_scale(scale):
+    P, q = np.diag([2.0, 0.0, 1.0]) * scale, np.array([1.0, -1.0, 3.0]) * scale
+    x, s = solved("accelerated_projection", P, q, -np.ones(3), np.full(3, 2.0))
+    assert s.solution().found
+    np.testing.assert_allclose(x, [-0.5, 2.0, -1.0], rtol=1e-9)
