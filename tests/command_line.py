@@ -185,8 +185,9 @@ def free_port() -> int:
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    """Every file and folder below a folder, with what a file holds."""
-    return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else b"" for path in folder.rglob("*")}
+    """Every file and folder below a folder but Python's caches, with what a file holds."""
+    paths = (path for path in folder.rglob("*") if "__pycache__" not in path.parts)
+    return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else b"" for path in paths}
 
 
 def kill_worker(call: Call, reached: Callable[[], bool]) -> Finished:
