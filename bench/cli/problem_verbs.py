@@ -26,7 +26,7 @@ from bench.cli.options import (
     set_options,
 )
 from bench.problem_files import ProblemFileError, npz, qpbenchmark_set, read
-from bench.problems import ProblemSetError, RaceProblem, all_sets, check_options, make
+from bench.problems import ProblemSet, ProblemSetError, RaceProblem, all_sets, check_options, make
 from bench.problems.proofs import isolated, require_size, start
 from bench.report.console import print_result, progress_bar
 from bench.report.words import by_heading
@@ -74,16 +74,7 @@ def problems_verb(
             ("verify", "export", "limit", "seed", *OPTIONS),
             "needs problems; name a --set, or a folder with --from",
         )
-        sets = [
-            (
-                name,
-                "needs " + ", ".join(f"--{option.replace('_', '-')}" for option in cls.needs)
-                if cls.needs
-                else str(len(cls().names())),
-                cls.description,
-            )
-            for name, cls in sorted(all_sets().items())
-        ]
+        sets = [(name, _count(cls), cls.description) for name, cls in sorted(all_sets().items())]
         of_sets = ("set", "problems", "what it is for")
         print_result(by_heading(of_sets, sets), [], as_json, (of_sets, sets, 3))
         return
@@ -125,6 +116,14 @@ def problems_verb(
     if failures:
         more = f" and {len(failures) - 1} more" if len(failures) > 1 else ""
         raise ProblemSetError(f"not every proof holds: {failures[0]}{more}")
+
+
+def _count(cls: type[ProblemSet]) -> str:
+    return (
+        "needs " + ", ".join(f"--{option.replace('_', '-')}" for option in cls.needs)
+        if cls.needs
+        else str(len(cls().names()))
+    )
 
 
 def _problems(
