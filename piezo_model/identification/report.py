@@ -161,7 +161,7 @@ class FitReport:
 
     def _trend_sentence(self, trend: Mapping[str, float], unit: str) -> str:
         if self.evidence.settling:
-            what = f"The output settles by {abs(trend['change']):.2g} {unit}, as after a movement before the recording"
+            what = f"The output settles by {abs(trend['change']):.2g} {unit}, as creep does after a movement"
         else:
             clear = self.evidence.is_clear
             drifting, cause = ("sensor", "") if clear else ("output", ", owing to creep or to the sensor")

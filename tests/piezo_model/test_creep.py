@@ -149,7 +149,7 @@ def test_creep_from_before_the_recording_is_a_settling_and_no_drift(held_samples
     model = identify(recorded(u, stage(np.concatenate([before, u]), creep=0.03)[before.size :]))
     assert model.report["drift"] is None
     assert model.report["settling"]["rms_percent"] < 0.12 < model.report["fit"]["rms_percent"]
-    assert "µm, as after a movement before the recording. The model does" in " ".join(model.report["findings"])
+    assert "µm, as creep does after a movement. The model does not include" in " ".join(model.report["findings"])
 
 
 def test_a_recording_that_begins_while_the_stage_creeps_is_validated_from_the_states_that_it_has_then() -> None:
