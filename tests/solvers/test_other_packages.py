@@ -35,6 +35,16 @@ def test_no_name_of_a_file_hides_a_solver(tmp_path: Path, monkeypatch: pytest.Mo
     assert not {("direct", "x_shared"), ("kernel", "y_z")} & found
 
 
+def test_a_file_is_added_once_and_no_other_one_of_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(registry, "_added", [])
+    (tmp_path / "other").mkdir()
+    path, other = (faulty_solvers.written(folder, "mine") for folder in (tmp_path, tmp_path / "other"))
+    assert registry.add_file(path) == registry.add_file(path) == registry.find("mine")
+    with pytest.raises(registry.RegistrationError, match=r"other/mine\.py: there is a solver mine in the lane"):
+        registry.add_file(other)
+    assert registry.find("mine").load().name == "mine"
+
+
 @pytest.mark.slow
 def test_a_solver_of_another_package_is_raced_like_ours_and_its_version_kept(tmp_path: Path) -> None:
     target = installed(tmp_path / "site", "direct.tiny = tiny_solvers:Mine")
