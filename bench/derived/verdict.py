@@ -113,7 +113,7 @@ def _paper(measurements: Measurements, drift: float) -> Iterator[str]:
     steps = steps[steps.cost_gap.notna()]
     if steps.empty:
         return
-    seconds = [f"{steps_of * 1e-6:.3g}" for steps_of in sorted({*(steps.periods * steps.period_us)})]
+    seconds = [f"{duration_us * 1e-6:.3g}" for duration_us in sorted({*(steps.periods * steps.period_us)})]
     to = f" to {seconds[-1]} s, by the rate of the recording" if seconds[1:] else " s"
     reach = joined(f"{TIER_NAMES[tier]} on {right(steps, tier).sum()}" for tier in (Tier.LOW, Tier.MID, Tier.HIGH))
     yield (

@@ -93,7 +93,7 @@ class CreepEvidence:
     trend: Estimate | None
     """Half of the change by a drift or a settling over the recording, normalised units; None without one."""
     settling: tuple[float, ...]
-    """Rates in 1/s of creep from before the recording that settles; empty for a drift."""
+    """Rates in 1/s of creep from before the recording that settles; empty for a drift or no trend."""
     shows_drift: bool
     """True if the drive distinguishes a drift from hysteresis."""
     share: float
@@ -163,7 +163,7 @@ def determine(recording: Recording, counted: Mask, fit: ForwardFit, qp_solver: P
     qp_solver.passes += 1
     columns, states, decays = _columns(recording, at, fit, rates, min(1.0, math.sqrt(count / ENOUGH)))
     settlings = [rates[first:] for first in range(len(rates), -1, -1)]
-    trends = [course(recording, settling)[at] for settling in settlings]
+    trends = [course(recording.time[at], recording.duration_s, settling) for settling in settlings]
     signals = np.column_stack([s.unit_output(recording.y)[at], *trends])
     whole = _judge(columns, signals, states, decays, rates, edges)
     hold = holds(recording)[at]
@@ -177,13 +177,12 @@ def determine(recording: Recording, counted: Mask, fit: ForwardFit, qp_solver: P
     return replace(resting, independent=whole.independent, shows_drift=whole.shows_drift)
 
 
-def course(recording: Recording, settling: Sequence[float]) -> Vector:
-    """The course (N,) of a drift, or of a settling at some rates, from −1 to 1."""
+def course(time: Vector, duration_s: float, settling: Sequence[float]) -> Vector:
+    """Course of a drift, or of a settling at some rates, from −1 to 1, at times (N,) from −1 to 1 over a duration."""
     if not settling:
-        return recording.time
-    t = 0.5 * recording.duration_s * (recording.time + 1.0)
-    settled = -np.sum([np.exp(-rate * t) for rate in settling], axis=0)
-    return 2.0 * (settled - settled[0]) / (settled[-1] - settled[0]) - 1.0
+        return time
+    left, at_end = (sum(np.exp(-0.5 * rate * duration_s * (t + 1.0)) for rate in settling) for t in (time, 1.0))
+    return np.asarray(1.0 - 2.0 * (left - at_end) / (len(settling) - at_end))
 
 
 def holds(recording: Recording) -> Index:
@@ -252,7 +251,7 @@ def _judge(
         admissible if driven else (),
         estimates[0] if creeping and driven else None,
         estimates[-1] if drifting else None,
-        rates[len(rates) - kind :],
+        rates[len(rates) - kind :] if drifting else (),
         bool(known[0] >= DRIFT_INFORMATION),
         share,
         chi_square,

@@ -326,7 +326,9 @@ class Identification:
             other = fit_from(guess.states, s.inverse_slope_map @ optimal, self.levels)
             fit = min(fit, other, key=lambda fit: fit.cost)
         if (trend := self.evidence.trend) is not None:
-            further = self.levels.append(Columns.of(course(recording, self.evidence.settling), *trend.limits))
+            further = self.levels.append(
+                Columns.of(course(recording.time, recording.duration_s, self.evidence.settling), *trend.limits)
+            )
             other = fit_from(fit.states, fit.v, further)
             if fit.improved_by(other, 1):
                 return FinalFit(problem, optimal, other, trend)

@@ -72,7 +72,7 @@ def fit_lag(
     trials: DynamicsTrials, begins: Sequence[Dynamics], choice: DynamicsChoice, option: LagChoice
 ) -> tuple[ForwardFit, Lag]:
     """The best fit from any of the initial lags, with an amplifier's lag if that is clearly better, and the lag."""
-    T, drift = trials.recording.sample_time, Columns.of(np.linspace(-1.0, 1.0, trials.recording.length))
+    T, drift = trials.recording.sample_time, Columns.of(trials.recording.time)
 
     def best_fit(parameters: Parameters, *nears: ForwardFit | None) -> ForwardFit:
         fits = (trials.fit(parameters, near, steps=STEPS, further=drift) for near in nears)

@@ -82,8 +82,7 @@ class FitReport:
             "headline": headline,
             "drive": {**own["drive"], "sentence": self._drive_sentence},
             "creep": self.evidence.to_dict(s.creep_rates, self.creep_chosen),
-            "drift": None if self.evidence.settling else self.trend,
-            "settling": self.trend if self.evidence.settling else None,
+            **{"drift": None, "settling": None, self._trend_kind: self.trend},
             "findings": findings[:MOST],
             "sentences": [*filter(None, (headline, self.units)), *findings, *self._facts(s)],
         }
@@ -159,6 +158,10 @@ class FitReport:
         if self.lag is not None and self.lag.is_significant:
             yield self.lag.sentence(s.sample_time)
 
+    @property
+    def _trend_kind(self) -> str:
+        return "settling" if self.evidence.settling else "drift"
+
     def _trend_sentence(self, trend: Mapping[str, float], unit: str) -> str:
         if self.evidence.settling:
             what = f"The output settles by {abs(trend['change']):.2g} {unit}, as creep does after a movement"
@@ -166,9 +169,10 @@ class FitReport:
             clear = self.evidence.is_clear
             drifting, cause = ("sensor", "") if clear else ("output", ", owing to creep or to the sensor")
             what = f"The {drifting} drifts by {trend['per_s']:.2g} {unit}/s{cause}"
-        kind = "settling" if self.evidence.settling else "drift"
-        error = percent(trend["rms_percent"])
-        return f"{what}. The model does not include the {kind}; without it the RMS error is {error} of the range."
+        return (
+            f"{what}. The model does not include the {self._trend_kind}; without it the RMS error is "
+            f"{percent(trend['rms_percent'])} of the range."
+        )
 
     def _facts(self, s: ModelStructure) -> Iterator[str]:
         """Further sentences, for the page."""

@@ -148,7 +148,8 @@ def select(
     """
     most = np.count_nonzero(counted) / FEWEST_PER_WEIGHT
     independent = max(fit.independent, determined.independent, _beyond_noise(recording, counted, fit.error))
-    candidates, further = [], np.column_stack([levels, course(recording, determined.settling)])
+    trend = course(recording.time, recording.duration_s, determined.settling)
+    candidates, further = [], np.column_stack([levels, trend])
     for own in rates:
         orders = [with_orders(fit.structure, n, m, own) for n, m in product(ns, ms)]
         orders = [s for s in orders if s.d < most] or orders[:1]
