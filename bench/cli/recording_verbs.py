@@ -131,7 +131,7 @@ def _columns(table: Table, opened: Recording | None) -> list[dict[str, object]]:
     spans = {} if opened is None else {"input": opened.x_range, "output": opened.y_range}
     if opened is None:
         try:
-            profiles = table.profiles(
+            heads = table.heads(
                 [
                     k
                     for k, column in enumerate(table.columns)
@@ -139,8 +139,8 @@ def _columns(table: Table, opened: Recording | None) -> list[dict[str, object]]:
                 ],
             )
         except RecordingError:  # reported at the end
-            profiles = {}
-        ranges = {k: (profile.low, profile.high) for k, profile in profiles.items()}
+            heads = {}
+        ranges = {k: (float(head.min()), float(head.max())) for k, head in heads.items() if head.size}
     else:
         ranges = {k: spans[roles[name]] for k, name in enumerate(table.names) if roles.get(name) in spans}
     return [

@@ -13,7 +13,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from piezo_model.recordings.table import Column, Profile, RecordingError, Table, printable
+import numpy as np
+
+from piezo_model.recordings.table import Column, RecordingError, Table, printable
 from piezo_model.units import ANGLES, LENGTHS, SECONDS, VOLTAGES
 
 TIME_WORDS = (
@@ -62,55 +64,44 @@ NO_CLOCK = "none"
 """Name that the user gives as the time column of a table without one."""
 MOST_LISTED = 24
 """Most names in an error message."""
-ROLES = ("time", "input", "output", "reference")
 
 
-@dataclass(frozen=True)
+@dataclass
 class Roles:
     """Position of the column of each role, and the reasons of the guesses."""
 
-    columns: Mapping[str, int]
-    reasons: Mapping[str, str]
+    table: Table
+    columns: dict[str, int]
+    """By role."""
+    reasons: dict[str, str] = field(default_factory=dict)
     """By role; not for roles that the user named."""
     unread: int | None = None
     """The time column by its name, if the sampling period is known without it."""
 
-
-@dataclass
-class _Search:
-    table: Table
-    assigned: dict[str, int]
-    reasons: dict[str, str] = field(default_factory=dict)
-
     @cached_property
     def candidates(self) -> list[int]:
         """Columns of numbers with the length of the named columns, or with the most common length."""
-        columns = self.table.columns
-        lengths = Counter(columns[k].rows for k in self.assigned.values()) or Counter(
-            column.rows for column in columns if column.kind in ("number", "clock")
-        )
+        readable = [k for k, column in enumerate(self.table.columns) if column.kind in ("number", "clock")]
+        lengths = Counter(self.table.columns[k].rows for k in self.columns.values() or readable)
         commonest = max(lengths, key=lambda rows: (lengths[rows], rows or 0), default=None)
-        return [
-            k for k, column in enumerate(columns) if column.kind in ("number", "clock") and column.rows == commonest
-        ]
+        return [k for k in readable if self.table.columns[k].rows == commonest]
 
     @cached_property
-    def profiles(self) -> dict[int, Profile]:
-        """Profiles of the candidates."""
-        return self.table.profiles([k for k in self.candidates if self.table.columns[k].kind == "number"])
+    def rises(self) -> dict[int, bool]:
+        """Whether the values never fall, of the candidates whose values vary and are not an index."""
+        numbers = [k for k in self.candidates if self.table.columns[k].kind == "number"]
+        steps = {k: np.diff(head) for k, head in self.table.heads(numbers).items()}
+        return {k: bool((of >= 0.0).all()) for k, of in steps.items() if of.any() and not (of == 1.0).all()}
 
     def free(self) -> list[int]:
         """Candidates without a role."""
-        return [k for k in self.candidates if k not in self.assigned.values()]
-
-    def free_profiles(self) -> dict[int, Profile]:
-        """Profiles of the candidates without a role."""
-        return {k: self.profiles[k] for k in self.free() if k in self.profiles}
+        return [k for k in self.candidates if k not in self.columns.values()]
 
     def assign(self, role: str, columns: Sequence[int], reason: str) -> None:
-        """Assign a column to a role that has none, if there is only one such column."""
-        if role not in self.assigned and len(columns) == 1:
-            self.assigned[role], self.reasons[role] = columns[0], reason
+        """Assign a column to a role that has none, if only one of these columns is free."""
+        free = [k for k in columns if k not in self.columns.values()]
+        if role not in self.columns and len(free) == 1:
+            self.columns[role], self.reasons[role] = free[0], reason
 
 
 def choose_roles(table: Table, named: Mapping[str, str | None], sampled: bool = False) -> Roles:
@@ -137,33 +128,30 @@ def choose_roles(table: Table, named: Mapping[str, str | None], sampled: bool = 
             f"{table.path}: with a sampling period the time column {named['time']!r} would not be read; give one of "
             "the two"
         )
-    search = _Search(table, {role: find(table, role, name) for role, name in named.items() if name is not None})
-    if len(set(search.assigned.values())) < len(search.assigned):
+    roles = Roles(table, {role: find(table, role, name) for role, name in named.items() if name is not None})
+    if len(set(roles.columns.values())) < len(roles.columns):
         raise RecordingError(
-            f"{table.path}: one column cannot serve as {' and '.join(search.assigned)}: "
-            f"{', '.join(repr(named[role]) for role in search.assigned)}"
+            f"{table.path}: one column cannot serve as {' and '.join(roles.columns)}: "
+            f"{', '.join(repr(named[role]) for role in roles.columns)}"
         )
-    if "time" not in search.assigned and not clockless:
-        _find_time_by_name(search)
-    unread = search.assigned.get("time") if sampled else None
+    if "time" not in roles.columns and not clockless:
+        _find_time_by_name(roles)
+    unread = roles.columns.get("time") if sampled else None
     if "reference" in named:
-        _find_reference(search, clockless or sampled)
+        _find_reference(roles, clockless or sampled)
     else:
-        _find_signals(search)
-    missing = [role for role in named if role != "time" and role not in search.assigned]
-    stated = all(table.columns[k].sample_time for role, k in search.assigned.items() if role != "time")
-    if not (sampled or stated or "time" in search.assigned):
+        _find_signals(roles)
+    missing = [role for role in named if role != "time" and role not in roles.columns]
+    stated = all(table.columns[k].sample_time for role, k in roles.columns.items() if role != "time")
+    if not (sampled or stated or "time" in roles.columns):
         if not clockless:
-            _find_time_by_values(search)
-        missing += ["time"] * ("time" not in search.assigned)
+            _find_time_by_values(roles)
+        missing += ["time"] * ("time" not in roles.columns)
     if missing:
         raise RecordingError(_question(table, missing))
-    read = [role for role in ROLES if role in named and role in search.assigned and not (sampled and role == "time")]
-    return Roles(
-        {role: search.assigned[role] for role in read},
-        {role: why for role, why in search.reasons.items() if role in read},
-        unread,
-    )
+    read = [role for role in named if role in roles.columns and not (sampled and role == "time")]
+    reasons = {role: why for role, why in roles.reasons.items() if role in read}
+    return Roles(table, {role: roles.columns[role] for role in read}, reasons, unread)
 
 
 def find(table: Table, role: str, named: str) -> int:
@@ -221,20 +209,18 @@ def words_of(column: Column) -> set[str]:
     return {word for word in words if len(word) > 1 or (len(words) == 1 and not (column.unit and word in "xyz"))}
 
 
-def _find_time_by_name(search: _Search) -> None:
-    ranks = {k: rank for k in search.free() if (rank := _time_rank(search.table.columns[k])) is not None}
+def _find_time_by_name(roles: Roles) -> None:
+    ranks = {k: rank for k in roles.free() if (rank := _time_rank(roles.table.columns[k])) is not None}
     best = [k for k, rank in ranks.items() if rank == min(ranks.values())]
-    if len(best) > 1 and len(set(search.table.profiles(best).values())) == 1:
+    if len(best) > 1 and len({head.tobytes() for head in roles.table.heads(best).values()}) == 1:
         best = best[:1]  # an oscilloscope repeats the times next to each channel
-    search.assign("time", best, "by name")
+    roles.assign("time", best, "by name")
 
 
-def _find_time_by_values(search: _Search) -> None:
-    profiles = search.free_profiles()
-    rising = [k for k, profile in profiles.items() if profile.rises and not profile.counts]
-    clocks = [k for k in search.free() if search.table.columns[k].kind == "clock"]
-    search.assign("time", clocks, "as the only clock")
-    search.assign("time", rising, "as the only one that never falls")
+def _find_time_by_values(roles: Roles) -> None:
+    clocks = [k for k in roles.candidates if roles.table.columns[k].kind == "clock"]
+    roles.assign("time", clocks, "as the only clock")
+    roles.assign("time", [k for k in roles.rises if roles.rises[k]], "as the only one that never falls")
 
 
 def _time_rank(column: Column) -> int | None:
@@ -244,48 +230,47 @@ def _time_rank(column: Column) -> int | None:
     return fits.index(True) if any(fits) else None
 
 
-def _find_reference(search: _Search, clockless: bool) -> None:
-    columns = search.table.columns
-    setpoints = [k for k in search.free() if is_setpoint(columns[k]) or columns[k].stem == "r"]
-    search.assign("reference", setpoints, "by name")
-    search.assign("reference", [k for k in search.free() if vote(columns[k]) < 0], "by name")
-    if not clockless and len(search.free()) > 1 and not {"time", "reference"} <= search.assigned.keys():
-        _find_time_by_values(search)
-    search.assign("reference", search.free(), "as the only one left")
+def _find_reference(roles: Roles, clockless: bool) -> None:
+    columns = roles.table.columns
+    setpoints = [k for k in roles.free() if is_setpoint(columns[k]) or columns[k].stem == "r"]
+    roles.assign("reference", setpoints, "by name")
+    roles.assign("reference", [k for k in roles.free() if vote(columns[k]) < 0], "by name")
+    if not clockless and len(roles.free()) > 1 and not {"time", "reference"} <= roles.columns.keys():
+        _find_time_by_values(roles)
+    roles.assign("reference", roles.free(), "as the only one left")
 
 
-def _find_signals(search: _Search) -> None:
-    columns = search.table.columns
-    signals = [k for k in search.free() if columns[k].kind == "number" and _time_rank(columns[k]) is None]
+def _find_signals(roles: Roles) -> None:
+    columns = roles.table.columns
+    signals = [k for k in roles.free() if columns[k].kind == "number" and _time_rank(columns[k]) is None]
     likely = [
         k
         for k in signals
         if columns[k].unit.casefold() not in OTHER_WORDS
         and (words_of(columns[k]).isdisjoint(OTHER_WORDS) or vote(columns[k]))
     ]
-    _find_signals_by_name(search, likely)
-    if {"input", "output"} <= search.assigned.keys():
+    _find_signals_by_name(roles, likely)
+    if {"input", "output"} <= roles.columns.keys():
         return
-    _find_time_by_values(search)
-    profiled = {k: profile for k, profile in search.free_profiles().items() if k in signals}
-    varying = [k for k, profile in profiled.items() if profile.high > profile.low and not profile.counts]
+    _find_time_by_values(roles)
+    varying = [k for k in signals if k in roles.rises]
     likely = [k for k in likely if k in varying]
-    _find_signals_by_name(search, likely)
+    _find_signals_by_name(roles, likely)
     for group in (likely, varying):
-        free = [k for k in group if k not in search.assigned.values()]
-        absent = [role for role in ("input", "output") if role not in search.assigned]
+        free = [k for k in group if k not in roles.columns.values()]
+        absent = [role for role in ("input", "output") if role not in roles.columns]
         if absent == ["input"] or (absent == ["output"] and not any(is_setpoint(columns[k]) for k in free)):
-            search.assign(absent[0], free, "as the only one left")
+            roles.assign(absent[0], free, "as the only one left")
 
 
-def _find_signals_by_name(search: _Search, likely: Sequence[int]) -> None:
-    columns = search.table.columns
-    votes = {k: vote(columns[k]) for k in likely if k not in search.assigned.values()}
+def _find_signals_by_name(roles: Roles, likely: Sequence[int]) -> None:
+    columns = roles.table.columns
+    votes = {k: vote(columns[k]) for k in likely if k not in roles.columns.values()}
     highest = max(votes.values(), default=0)
-    search.assign("input", [k for k in votes if votes[k] == highest > 0], "by name")
-    votes = {k: n for k, n in votes.items() if k not in search.assigned.values() and not is_setpoint(columns[k])}
+    roles.assign("input", [k for k in votes if votes[k] == highest > 0], "by name")
+    votes = {k: n for k, n in votes.items() if k not in roles.columns.values() and not is_setpoint(columns[k])}
     lowest = min(votes.values(), default=0)
-    search.assign("output", [k for k in votes if votes[k] == lowest < 0], "by name")
+    roles.assign("output", [k for k in votes if votes[k] == lowest < 0], "by name")
 
 
 def _question(table: Table, missing: Sequence[str]) -> str:

@@ -5,12 +5,13 @@ arrays, in which a missing cell is NaN and a clock counts seconds since its firs
 """
 
 import re
+import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 
@@ -19,8 +20,8 @@ from piezo_model.units import canonical, split_unit
 from solvers.arrays import Vector
 
 Kind = Literal["number", "clock", "flag", "text", "empty"]
-PROFILED = 1_000_000
-"""Rows from the start that are profiled to recognise a column."""
+HEAD_ROWS = 1_000_000
+"""Rows from the start by whose values a column is recognised."""
 KINDS: Mapping[str, Kind] = {**dict.fromkeys("iuf", "number"), **dict.fromkeys("mM", "clock"), "b": "flag"}
 """Kind of a column by the kind code of its NumPy type."""
 ABSURD = 1e30
@@ -74,30 +75,6 @@ class Column:
         return split_unit(last if re.search(r"[^\W\d]", last) else self.name.replace("/", " "))[0]
 
 
-class Profile(NamedTuple):
-    """Evidence from the values of a column, without missing and absurd ones."""
-
-    low: float
-    high: float
-    rises: bool
-    """True if it never falls and is not constant."""
-    counts: bool
-    """True if it increases by one in every row, like an index."""
-
-
-def _profile(values: Vector) -> Profile:
-    known = values[np.abs(values) < ABSURD]
-    known = known if known.size > 1 else np.zeros(2)
-    steps = np.diff(known)
-    least, most = float(steps.min()), float(steps.max())
-    return Profile(
-        float(known.min()),
-        float(known.max()),
-        least >= 0.0 < most,
-        least == most == 1.0,
-    )
-
-
 @dataclass(frozen=True)
 class Table:
     """An opened file."""
@@ -128,9 +105,10 @@ class Table:
         """File and column, for the start of a message."""
         return f"{self.path}: column {self.names[k]!r}"
 
-    def profiles(self, columns: Sequence[int]) -> dict[int, Profile]:
-        """Profiles of columns, by position."""
-        return dict(zip(columns, map(_profile, self.read(columns, slice(PROFILED))), strict=True)) if columns else {}
+    def heads(self, columns: Sequence[int]) -> dict[int, Vector]:
+        """The first values of columns, without missing and absurd ones, by position."""
+        heads = self.read(columns, slice(HEAD_ROWS)) if columns else []
+        return {k: head[np.abs(head) < ABSURD] for k, head in zip(columns, heads, strict=True)}
 
     def read(self, columns: Sequence[int], rows: slice = slice(None)) -> list[Vector]:
         """The columns at these positions, shape (rows,).
@@ -143,24 +121,24 @@ class Table:
         if len({self.columns[k].rows for k in columns}) > 1:
             lengths = ", ".join(f"{self.names[k]!r} has {self.columns[k].rows} rows" for k in columns)
             raise RecordingError(f"{self.path}: the columns differ in length: {lengths}")
-        first, stop, step = rows.start or 0, rows.stop, rows.step or 1
+        first, stop, step = rows.indices(sys.maxsize)
         most = free_memory() / (8 * COPIES * max(len(columns), 1))
         chunks = list[list[Any]]([[] for _ in columns])
         seen = selected = 0
         for batch in self.batches(columns):
             begin = first - seen if seen < first else -(seen - first) % step
-            end = None if stop is None else max(stop - seen, 0)
+            part = slice(begin, max(stop - seen, 0), step)
             seen += len(batch[0])
-            selected += len(batch[0][begin:end:step])
+            selected += len(batch[0][part])
             if selected > most:
                 raise RecordingError(
                     f"{self.path}: has more than {selected} rows, too many for the free memory; read part of it with "
                     "--from and --to (seconds), or every tenth row with --decimate 10"
                 )
             for k, values, read in zip(columns, batch, chunks, strict=True):
-                chunk = values[begin:end:step]
+                chunk = values[part]
                 read.append(chunk if self.columns[k].kind == "clock" else np.array(chunk, dtype=float))
-            if stop is not None and seen >= stop:
+            if seen >= stop:
                 break
         return [self._joined(k, chunks.pop(0)) for k in columns]
 
