@@ -49,13 +49,12 @@ from piezo_model.identification.selection import (
     Selection,
     select,
 )
-from piezo_model.identification.several import JointStart, align, joint_start, split_fit
+from piezo_model.identification.several import JointStart, align, concatenate, joint_start, split_fit
 from piezo_model.identification.start import USUAL, InitialFit, prepare, structure_of, y_range
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.model import HysteresisCreepModel, Provenance
 from piezo_model.operator_state import OperatorState, States
 from piezo_model.recordings import Recording
-from piezo_model.recordings.several import Recordings
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Vector
 
@@ -199,7 +198,7 @@ def _identify(
     units = options.structure or recordings[0]
     recordings = align([recording.in_units(units.input_unit, units.output_unit) for recording in recordings])
     fastest = min(recordings, key=lambda recording: recording.sample_time)
-    first = options.first_structure(Recordings.concatenate(recordings) if len(recordings) > 1 else fastest)
+    first = options.first_structure(concatenate(recordings) if len(recordings) > 1 else fastest)
     if not math.isclose(first.sample_time, fastest.sample_time, rel_tol=SAME_PERIOD):
         raise IdentificationError(
             f"{fastest.name}: the sampling period is {fastest.sample_time:g} s, but that of the "
@@ -342,7 +341,7 @@ class Identification:
         steady = recording if final.trend is None else replace(recording, y=modelled + s.y_scale * fit.error)
         errors = fit_of(recording, s, recording.y - modelled, skip, self.span)
         without_trend = errors if final.trend is None else fit_of(steady, s, steady.y - modelled, skip, self.span)
-        members = [*split_fit(steady, fit)] if isinstance(steady, Recordings) else [(steady, fit, without_trend)]
+        members = [*split_fit(steady, fit)] if steady.recordings else [(steady, fit, without_trend)]
         verdicts = [
             (f"{member.name}: " * (len(members) > 1), check_adequacy(member, share, skip, member_errors, ignored))
             for member, share, member_errors in members

@@ -34,13 +34,44 @@ from piezo_model.identification.gram_matrix import at_period
 from piezo_model.identification.lag import LagChoice
 from piezo_model.identification.start import SEARCHED, InitialFit
 from piezo_model.recordings import Recording
-from piezo_model.recordings.several import Recordings
 from piezo_model.structure import ModelStructure
 from piezo_model.units import percent
 
 StaticViewOf = Callable[..., StaticView]
 """The static view of a recording, for a structure with its sampling period and, if they differ from the options, for
 other choices of dynamics and lag."""
+
+
+def concatenate(recordings: Sequence[Recording], weights: Sequence[float] | None = None) -> Recording:
+    """Recordings one after another, in the same units; the sampling period is the shortest one.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+    weights : sequence of float, optional
+        Weight of each recording in a mean over all samples; equal by default.
+    """
+    first = recordings[0]
+    ends = np.cumsum([0, *(recording.length for recording in recordings)])
+    x_ends, y_ends = zip(*((recording.x_range, recording.y_range) for recording in recordings), strict=True)
+    return Recording(
+        name=" and ".join(recording.name for recording in recordings),
+        sample_time=min(recording.sample_time for recording in recordings),
+        remarks=tuple(f"{recording.name}: {note}" for recording in recordings for note in recording.notes),
+        units=" ".join(filter(None, (recording.units for recording in recordings))),
+        x=np.concatenate([recording.x for recording in recordings]),
+        y=np.concatenate([recording.y for recording in recordings]),
+        uncounted=np.concatenate([recording.uncounted for recording in recordings]),
+        starts=tuple(
+            int(end) + start for end, recording in zip(ends, recordings, strict=False) for start in recording.starts
+        ),
+        x_range=(float(np.min(x_ends)), float(np.max(x_ends))),
+        y_range=(float(np.min(y_ends)), float(np.max(y_ends))),
+        input_unit=first.input_unit,
+        output_unit=first.output_unit,
+        recordings=tuple(recordings),
+        weights=tuple(weights or [1.0] * len(recordings)),
+    )
 
 
 @dataclass(frozen=True)
@@ -64,7 +95,7 @@ class SingleFit:
 class JointStart:
     """Several recordings as one, up to the choice of the orders."""
 
-    recording: Recordings
+    recording: Recording
     view: StaticView
     evidence: CreepEvidence
     rates: Sequence[tuple[float, ...]]
@@ -73,7 +104,7 @@ class JointStart:
     """Levels of all recordings but the first."""
     singles: Sequence[SingleFit]
 
-    def at_one_level(self, fit: ForwardFit) -> Recordings:
+    def at_one_level(self, fit: ForwardFit) -> Recording:
         """The recordings with all outputs at the level of the first one, by a joint fit."""
         levels = self.levels.signals @ fit.further[: self.levels.lb.size]
         return replace(self.recording, y=self.recording.y - fit.structure.y_scale * levels)
@@ -143,7 +174,7 @@ def joint_start(
     if len(signs) > 1:
         raise IdentificationError(f"the output rises with the input in {signs[False]}, and falls in {signs[True]}")
     weights = [1.0 / (np.count_nonzero(~single.recording.uncounted) * single.fit.rms**2) for single in singles]
-    whole = Recordings.concatenate([single.recording for single in singles], weights)
+    whole = concatenate([single.recording for single in singles], weights)
     x, y = (np.concatenate([getattr(single.view.static, name) for single in singles]) for name in ("x", "y"))
     static = replace(whole, x=x, y=y)
     columns = np.repeat(np.eye(len(recordings))[:, 1:], [recording.length for recording in recordings], axis=0)
@@ -170,7 +201,7 @@ def _over_all(structures: Sequence[ModelStructure]) -> ModelStructure:
 
 
 def _creep(
-    singles: Sequence[SingleFit], whole: Recordings, s: ModelStructure
+    singles: Sequence[SingleFit], whole: Recording, s: ModelStructure
 ) -> tuple[CreepEvidence, Sequence[tuple[float, ...]]]:
     """The evidence of the longest recording that distinguishes creep from hysteresis, with the largest upper limit of
     all recordings, and the candidate rates."""
@@ -189,9 +220,11 @@ def _creep(
     ]
 
 
-def split_fit(recording: Recordings, fit: ForwardFit) -> Iterator[tuple[Recording, ForwardFit, Fit]]:
+def split_fit(recording: Recording, fit: ForwardFit) -> Iterator[tuple[Recording, ForwardFit, Fit]]:
     """Each of several recordings, its share of a joint fit, and its errors."""
-    for i, (member, samples) in enumerate(zip(recording.recordings, recording.members, strict=True)):
+    ends = np.cumsum([member.length for member in recording.recordings]).tolist()
+    for i, (member, end) in enumerate(zip(recording.recordings, ends, strict=True)):
+        samples = slice(end - member.length, end)
         s, dynamics = at_period(fit.structure, fit.dynamics, member.sample_time)
         share = {name: getattr(fit, name)[samples] for name in ("static", "y_model", "error", "counted")}
         share["cost"] = float(np.mean(share["error"][share["counted"]] ** 2)) + EXACT

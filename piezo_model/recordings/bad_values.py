@@ -59,13 +59,13 @@ def drop_incomplete_end(rows: Rows) -> None:
     RecordingError
         Missing times, or too many unknown values.
     """
-    ends = [] if rows.times is None else [last_known(rows, rows.time_label, rows.times, 0.0)]
+    columns = [(rows.time_label, rows.times, 0.0)]
     for k, (label, values) in enumerate(zip(rows.labels, rows.signals, strict=True)):
-        most = MOST_MISSING if k or rows.length >= LEAST_ROWS else FILLED
-        ends.append(last_known(rows, label, values, most))
-    if (dropped := rows.length - min(ends)) > 0:
-        rows.repairs.append(f"incomplete rows at the end are left out: {dropped}")
-        rows.select(slice(0, min(ends)))
+        columns.append((label, values, MOST_MISSING if k or rows.length >= LEAST_ROWS else FILLED))
+    end = min(last_known(rows, *column) for column in columns)
+    if end < rows.length:
+        rows.repairs.append(f"incomplete rows at the end are left out: {rows.length - end}")
+        rows.select(slice(0, end))
 
 
 def last_known(rows: Rows, label: str, values: Vector, most_missing: float, arrays: bool = False) -> int:
@@ -163,17 +163,16 @@ def replace_bad_samples(rows: Rows) -> None:
             )
             rows.replace(k, dropped)
             values = rows.signals[k]
-        bad = np.zeros(rows.length, dtype=bool)
-        others = [signal for j, signal in enumerate(rows.signals) if j != k]
-        for row in _isolated(values, _steps(rows, values)):
-            bad[row] = not any(_answers(_steps(rows, other), row) for other in others)
-        for row in np.flatnonzero(bad).tolist():
+        others = [_steps(rows, signal) for j, signal in enumerate(rows.signals) if j != k]
+        isolated = _isolated(values, _steps(rows, values)).tolist()
+        bad = [row for row in isolated if not any(_answers(steps, row) for steps in others)]
+        for row in bad:
             neighbours = " and ".join(f"{values[j]:.6g}" for j in (row - 1, row + 1) if 0 <= j < rows.length)
             rows.repairs.append(
                 f"{label} is {values[row]:.6g} in {rows.where(row)} next to {neighbours}: an isolated bad sample, "
                 "not counted in the fit"
             )
-        if bad.any():
+        if bad:
             rows.replace(k, bad)
 
 
@@ -194,15 +193,10 @@ def _largest(steps: Vector) -> float:
 def _isolated(values: Vector, steps: Vector) -> Index:
     """Samples far from both neighbours, or from the only one at an end; none if there are more than ``MOST_BAD``."""
     least = UNLIKE * _largest(steps)
-    large = np.flatnonzero(steps > least)
-    if not large.size or least == 0.0:
-        return np.empty(0, dtype=int)
-    pairs = large[:-1][np.diff(large) == 1]
-    inside = pairs[np.abs(values[pairs + 2] - values[pairs]) < RETURN * steps[pairs]] + 1
-    ends = [row for row, step in ((0, 0), (values.size - 1, steps.size - 1)) if step in large and row not in inside]
-    ends = [row for row in ends if not {row - 1, row + 1} & {*inside.tolist()}]
-    isolated = np.unique([*inside.tolist(), *ends]).astype(int)
-    return isolated if isolated.size <= MOST_BAD else isolated[:0]
+    to, of = np.pad(steps, 1, mode="edge"), np.pad(values, 1, mode="reflect")
+    far = (np.minimum(to[:-1], to[1:]) > least) & (np.abs(of[2:] - of[:-2]) < RETURN * to[:-1])
+    far[[0, -1]] &= ~far[[1, -2]]
+    return np.flatnonzero(far) if least > 0.0 and np.count_nonzero(far) <= MOST_BAD else np.empty(0, dtype=int)
 
 
 def _dropped_out(values: Vector, drive: Vector) -> Mask:
@@ -222,5 +216,4 @@ def _dropped_out(values: Vector, drive: Vector) -> Mask:
 
 def _answers(steps: Vector, row: int) -> bool:
     """True if a signal responds to a jump of the other at a row."""
-    near = steps[max(row - 1, 0) : row + REACH]
-    return bool(near.size and near.max() > ANSWER * _largest(steps))
+    return bool((steps[max(row - 1, 0) : row + REACH] > ANSWER * _largest(steps)).any())

@@ -6,7 +6,8 @@ does not show, and r = 0. With a tolerance τ on every interval and an error e o
 
     |t_{k+s} − t_k − s T| ≤ r + s (τ T + e)
 
-for s = 1, and also for a stride s of at least two digits r if r hides single intervals.
+for s = 1, for a stride s of at least two digits r if r hides single intervals, and for half of the times, since r may
+also hide that the rate changes.
 
 T is first estimated by the median of (t_{k+h} − t_k) / h, which is robust to a single gap, and finally by the mean over
 the recording, as the shortest decimal within the rounding. Times may be rounded to decimals, to significant digits, or
@@ -14,12 +15,11 @@ to single precision.
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from piezo_model.recordings.rows import Rows
-from piezo_model.recordings.table import RecordingError, check_sample_time
+from piezo_model.recordings.table import check_sample_time
 from solvers.arrays import Vector
 
 WINDOW = 65536
@@ -61,90 +61,84 @@ def _single(times: Vector) -> bool:
     return bool(near.all()) and np.unique(grid).size == np.unique(nonzero).size
 
 
-@dataclass(frozen=True)
-class Clock:
-    """The times of at least two rows, none of them missing."""
+def sampling(rows: Rows, tolerance: float, even: bool = True) -> float:
+    """Sampling period in seconds of the times of at least two rows, none of them missing.
 
-    rows: Rows
-    seconds: float
-    """Unit of the times."""
-    tolerance: float
-    """Largest deviation of an interval, relative to the period."""
+    Parameters
+    ----------
+    rows : Rows
+    tolerance : float
+        Largest deviation of an interval, relative to the period.
+    even : bool
+        Whether gaps and jitter are refused.
 
-    def sampling(self, even: bool = True) -> float:
-        """Sampling period in seconds.
+    Raises
+    ------
+    RecordingError
+        Times that run backwards or stand still, or with ``even`` times with gaps or jitter.
+    """
+    times, n = rows.times, rows.length
+    for at in np.flatnonzero(times[1:] < times[:-1])[:1] + 1:
+        before, after = map(rows.seconds, times[at - 1 : at + 1])
+        raise rows.refusal(f"runs backwards in {rows.where(int(at))}: {after} follows {before}")
+    mean, (digit, exact) = float(times[-1] - times[0]) / (n - 1), printed_digit(times[:WINDOW])
+    head = times[:WINDOW]
+    period = float(head[-1] - head[0]) / (head.size - 1)
+    if period == 0.0:
+        raise rows.refusal(f"stands still from {rows.where(0)} on, at {rows.seconds(times[0])}")
+    shows = _rounding_shows(np.diff(head), tolerance * period, period / digit)
+    resolution = digit if shows else exact
+    # long enough for the rounding to be negligible, short enough for one gap to affect few of the differences
+    reach = max(1, min(math.ceil(4 * resolution / (tolerance * period)), head.size // 8))
+    error = resolution / (head.size - 1)
+    if reach * period >= 2 * resolution:
+        error = resolution / reach
+        period = float(np.median(head[reach:] - head[:-reach])) / reach or period  # 0 if most are equal
+    strides = {1, min(WINDOW, 2 * math.ceil(resolution / period)) if resolution > period / 2 else 1, n // 2}
+    if n > WINDOW:
+        later, exact = printed_digit(times[-WINDOW:])  # significant digits are fewer at larger times
+        resolution = max(resolution, later if shows or later > digit else exact)
+    for stride in sorted(strides) if even else ():
+        _refuse_uneven(rows, stride, period, resolution + stride * (tolerance * period + error))
+    check_sample_time(f"{rows.path}: {rows.time_label}: ", mean * rows.unit)
+    return _shortest(mean * rows.unit, (resolution / (n - 1) + 1e-9 * mean) * rows.unit)
 
-        Raises
-        ------
-        RecordingError
-            Times that run backwards or stand still, or with ``even`` times with gaps or jitter.
-        """
-        assert self.rows.times is not None
-        times, n = self.rows.times, self.rows.length
-        for at in np.flatnonzero(times[1:] < times[:-1])[:1] + 1:
-            before, after = map(self._seconds, times[at - 1 : at + 1])
-            raise self._refusal(f"runs backwards in {self.rows.where(int(at))}: {after} follows {before}")
-        mean, (digit, exact) = float(times[-1] - times[0]) / (n - 1), printed_digit(times[:WINDOW])
-        head = times[:WINDOW]
-        period = float(head[-1] - head[0]) / (head.size - 1)
-        if period == 0.0:
-            raise self._refusal(f"stands still from {self.rows.where(0)} on, at {self._seconds(times[0])}")
-        shows = self._rounding_shows(np.diff(head), period, digit)
-        resolution = digit if shows else exact
-        # long enough for the rounding to be negligible, short enough for one gap to affect few of the differences
-        reach = max(1, min(math.ceil(4 * resolution / (self.tolerance * period)), head.size // 8))
-        error = resolution / (head.size - 1)
-        if reach * period >= 2 * resolution:
-            error = resolution / reach
-            period = float(np.median(head[reach:] - head[:-reach])) / reach or period  # 0 if most are equal
-        strides = [1, min(WINDOW, 2 * math.ceil(resolution / period))] if resolution > period / 2 else [1]
-        if n > WINDOW:
-            later, exact = printed_digit(times[-WINDOW:])  # significant digits are fewer at larger times
-            resolution = max(resolution, later if shows or later > digit else exact)
-        for stride in strides if even else ():
-            self._refuse_uneven(times, stride, period, resolution + stride * (self.tolerance * period + error))
-        check_sample_time(f"{self.rows.path}: {self.rows.time_label}: ", mean * self.seconds)
-        uncertainty = (resolution / (n - 1) + 1e-9 * mean) * self.seconds
-        return _shortest(mean * self.seconds, uncertainty)
 
-    def _rounding_shows(self, steps: Vector, mean: float, digit: float) -> bool:
-        """True if the last digit explains unequal intervals: not if it divides the period and nearly all are equal."""
-        digits, unequal = mean / digit, np.abs(steps - np.median(steps)) > self.tolerance * mean
-        divides = abs(digits - round(digits)) <= min(1.5 / steps.size, 0.15)
-        return round(digits) == 0 or not divides or int(np.count_nonzero(unequal)) > max(3, 0.05 * steps.size)
+def _rounding_shows(steps: Vector, tolerated: float, digits: float) -> bool:
+    """True if the last digit explains unequal intervals: not if it divides the period, which is so many digits long,
+    and nearly all intervals are equal."""
+    unequal = np.abs(steps - np.median(steps)) > tolerated
+    divides = abs(digits - round(digits)) <= min(1.5 / steps.size, 0.15)
+    return round(digits) == 0 or not divides or int(np.count_nonzero(unequal)) > max(3, 0.05 * steps.size)
 
-    def _refuse_uneven(self, times: Vector, stride: int, period: float, allowed: float) -> None:
-        excess = times[stride:] - times[:-stride]
-        excess -= stride * period
-        if not excess.size or max(float(excess.max()), -float(excess.min())) <= allowed:
-            return
-        at = int(np.argmax(np.abs(excess) > allowed))
-        step, place = times[at + stride] - times[at], self.rows.where(at + stride)
-        rates = [float(np.median(np.diff(window))) for window in (times[: SAME_RATE + 1], times[-SAME_RATE - 1 :])]
-        if min(rates) > 0.0 and max(rates) > MOST_CHANGE * min(rates):
-            sentence = (
-                f"has two sampling rates: one sample every {self._seconds(rates[0])} at its start and one every "
-                f"{self._seconds(rates[1])} at its end"
-            )
-        elif excess[at] > period / 2:
-            missing = max(1, round(float(excess[at]) / period))
-            sentence = (
-                f"has a gap of {self._seconds(step)} before {place}: about {missing} "
-                f"sample{'s' if missing > 1 else ''} missing at one every {self._seconds(period)}"
-            )
-        else:
-            sentence = (
-                f"is not sampled uniformly: {self._seconds(step)} from {self.rows.where(at)} to {place}, where "
-                f"{self._seconds(stride * period)} is expected within {self._seconds(allowed)}"
-            )
-        finest = min([period, *filter(None, rates)]) * self.seconds
-        raise self._refusal(f"{sentence}; --resample {finest:.6g} interpolates to an even clock")
 
-    def _refusal(self, sentence: str) -> RecordingError:
-        return RecordingError(f"{self.rows.path}: {self.rows.time_label} {sentence}")
-
-    def _seconds(self, value: float) -> str:
-        return f"{value * self.seconds:.9g} s"
+def _refuse_uneven(rows: Rows, stride: int, period: float, allowed: float) -> None:
+    times = rows.times
+    excess = times[stride:] - times[:-stride]
+    excess -= stride * period
+    if not excess.size or max(float(excess.max()), -float(excess.min())) <= allowed:
+        return
+    at = int(np.argmax(np.abs(excess) > allowed))
+    step, place = times[at + stride] - times[at], rows.where(at + stride)
+    rates = [float(np.median(np.diff(window))) for window in (times[: SAME_RATE + 1], times[-SAME_RATE - 1 :])]
+    if min(rates) > 0.0 and max(rates) > MOST_CHANGE * min(rates):
+        sentence = (
+            f"has two sampling rates: one sample every {rows.seconds(rates[0])} at its start and one every "
+            f"{rows.seconds(rates[1])} at its end"
+        )
+    elif excess[at] > period / 2:
+        missing = max(1, round(float(excess[at]) / period))
+        sentence = (
+            f"has a gap of {rows.seconds(step)} before {place}: about {missing} "
+            f"sample{'s' if missing > 1 else ''} missing at one every {rows.seconds(period)}"
+        )
+    else:
+        sentence = (
+            f"is not sampled uniformly: {rows.seconds(step)} from {rows.where(at)} to {place}, where "
+            f"{rows.seconds(stride * period)} is expected within {rows.seconds(allowed)}"
+        )
+    finest = min([period, *filter(None, rates)]) * rows.unit
+    raise rows.refusal(f"{sentence}; --resample {finest:.6g} interpolates to an even clock")
 
 
 def _shortest(value: float, uncertainty: float) -> float:

@@ -23,7 +23,7 @@ from piezo_model.recordings.bad_values import (
     interpolate_unknown,
     replace_bad_samples,
 )
-from piezo_model.recordings.clock import Clock
+from piezo_model.recordings.clock import sampling
 from piezo_model.recordings.options import ReadOptions
 from piezo_model.recordings.roles import NO_CLOCK, Roles, choose_roles
 from piezo_model.recordings.rows import (
@@ -37,7 +37,7 @@ from piezo_model.recordings.rows import (
 )
 from piezo_model.recordings.table import ABSURD, FEW_ROWS, RecordingError, Table
 from piezo_model.units import LENGTHS, PREFIXES, VOLTAGES, canonical, quantity, seconds
-from solvers.arrays import Mask, Vector
+from solvers.arrays import Index, Vector
 
 MOST_NAMED = 8
 """Most columns that are named in a list of tables."""
@@ -115,7 +115,7 @@ def read_signals(
     unit = 1.0 if time is None else seconds_per_unit(table, time, options)
     stated = table.columns[next(iter(signals.values()))].sample_time
     period = options.sample_time or stated or 1.0
-    selected, outside = _selected_rows(table, time, unit, period, options)
+    selected, kept = _selected_rows(table, time, unit, period, options)
     positions = [k for k in (time, *signals.values(), roles.unread) if k is not None]
     columns = dict(zip(positions, table.read(positions, selected), strict=True))
     first, step = selected.start or 0, selected.step or 1
@@ -124,19 +124,20 @@ def read_signals(
         [f"column {table.names[k]!r}" for k in signals.values()],
         [columns[k] for k in signals.values()],
         lambda row: table.where(first + step * row),
+        np.arange(len(next(iter(columns.values()))), dtype=float) if time is None else columns[time],
         "" if time is None else f"time column {table.names[time]!r}",
-        None if time is None else columns[time],
+        unit,
         repairs=[*table.repairs],
     )
-    if outside.any():
-        rows.starts = [0, *(np.flatnonzero(outside[:-1] & ~outside[1:]) + 1).tolist()]
-        rows.select(np.flatnonzero(~outside))
+    if kept is not None:
+        rows.select(kept)
+        rows.starts = [0, *(np.flatnonzero(np.diff(kept) > 1) + 1).tolist()]
     if selected != slice(None):
         rows.remarks.append(f"read from {rows.where(0)} on" + f", one row in {step}" * (step > 1))
     if roles.unread is not None:
         _refuse_other_clock(table, roles.unread, columns[roles.unread], period * step, options)
     del columns
-    sample_time = _sampled(rows, unit, period * step, options)
+    sample_time = _sampled(rows, period * step, options)
     is_number = time is not None and table.columns[time].kind == "number"
     guessed = is_number and not (time is None or table.columns[time].unit or options.time_unit)
     is_stated = time is None and options.sample_time is None and stated is not None
@@ -163,53 +164,51 @@ def read_signals(
     return about, rows, units
 
 
-def _sampled(rows: Rows, unit: float, period: float, options: ReadOptions) -> float:
+def _sampled(rows: Rows, period: float, options: ReadOptions) -> float:
     """Turn rows into even samples, in place; returns their sampling period, which is known for rows without times."""
     drop_incomplete_end(rows)
     sort_by_time(rows)
     interpolate_unknown(rows)
     refuse_sorted(rows)
     begin_parts(rows, even=options.resample is None)
-    sample_time = _sampling(rows, unit, period, options)
+    sample_time = _sampling(rows, period, options)
     discount_held_outputs(rows)
     replace_bad_samples(rows)
     if options.strict and rows.repairs:
         raise RecordingError(f"{rows.path}: {rows.repairs[0]}; without --strict it is repaired")
-    return sample_time if options.resample is None else _resampled(rows, unit, options)
+    return sample_time if options.resample is None else _resampled(rows, options.resample, options)
 
 
-def _sampling(rows: Rows, unit: float, period: float, options: ReadOptions) -> float:
+def _sampling(rows: Rows, period: float, options: ReadOptions) -> float:
     """The sampling period by the times, after rows that only repeat the previous one are dropped; ``period`` for rows
     without times."""
     if rows.length < 2:
         raise RecordingError(
             f"{rows.path}: has {'1 data row' if rows.length else 'no data rows'}, and a recording needs two"
         )
-    if rows.times is None:
+    if not rows.time_label:
         return period
     try:
-        return Clock(rows, unit, options.time_tolerance).sampling(even=options.resample is None)
+        return sampling(rows, options.time_tolerance, even=options.resample is None)
     except RecordingError:
         if not drop_repeats(rows):
             raise
-    return _sampling(rows, unit, period, options)
+    return _sampling(rows, period, options)
 
 
-def _resampled(rows: Rows, unit: float, options: ReadOptions) -> float:
+def _resampled(rows: Rows, period: float, options: ReadOptions) -> float:
     """Interpolate to an even clock; a sample counts if the rows on both sides do."""
-    times, period = rows.times, options.resample
-    assert times is not None
-    assert period is not None
-    count, duration = rows.length, float(times[-1] - times[0]) * unit
+    times, count = rows.times, rows.length
+    duration = float(times[-1] - times[0]) * rows.unit
     length = int(duration / period + 1e-9) + 1
     if not 2 <= length <= (MOST_SAMPLES if options.time_unit else MOST_MULTIPLIED * count):
         raise RecordingError(
             f"{rows.path}: --resample {period:g} makes {length} samples of {count} rows over {duration:g} s; are the "
             "times in another unit? --time-unit states or confirms it"
         )
-    grid = times[0] + period / unit * np.arange(length)
+    grid = times[0] + period / rows.unit * np.arange(length)
     rows.signals = [np.interp(grid, times, signal) for signal in rows.signals]
-    near = is_near(grid, times, max(period / unit, float(np.median(np.diff(times)))))
+    near = is_near(grid, times, max(period / rows.unit, float(np.median(np.diff(times)))))
     rows.uncounted = (np.interp(grid, times, rows.uncounted) > 0.0) | ~near
     rows.starts = np.unique(np.searchsorted(grid, times[rows.starts])).tolist()
     rows.times = grid
@@ -235,8 +234,9 @@ def joined(
     RecordingError
         Columns that cannot be determined, different numbers of rows without times, or no time in common.
     """
-    (first, roles, times, x), (second, others, times_y, y) = (_channel(name, time, options) for name in (input, output))
-    path, repairs, where = f"{first.path} and {second.path}", (*first.repairs, *second.repairs), first.where
+    (first, times, x), (second, times_y, y) = (_channel(name, time, options) for name in (input, output))
+    table, path = first.table, f"{first.table.path} and {second.table.path}"
+    repairs, where = (*table.repairs, *second.table.repairs), table.where
     if not (times.size and times_y.size):
         if x.size != y.size:
             raise RecordingError(f"{path}: have {x.size} and {y.size} rows, and no times by which they could be joined")
@@ -248,39 +248,36 @@ def joined(
             raise RecordingError(f"{path}: have no time in common")
         near = is_near(times[common], times_y, float(np.median(np.diff(times))))
         y = np.where(near, np.interp(times[common], times_y, y), np.nan)
-        times, x, where = times[common], x[common], lambda row: first.where(int(common[row]))
+        times, x, where = times[common], x[common], lambda row: table.where(int(common[row]))
         repairs += (f"the output is interpolated at the {times.size} times of the input that both files have",)
-    arrays, columns = [x, y], []
-    for table, of in ((first, roles), (second, others)):
-        column = table.columns[of.columns["reference"]]
-        columns.append(replace(column, name=f"{table.path}/{column.name}", nested=True, rows=None))
+    signals = [(of.table.path, of.table.columns[of.columns["reference"]]) for of in (first, second)]
+    columns = [replace(column, name=f"{of}/{column.name}", nested=True, rows=None) for of, column in signals]
+    arrays = [x, y]
     if times.size:
-        clock = roles.columns["time"]
-        arrays.insert(0, times / seconds_per_unit(first, clock, options))
-        columns.insert(0, replace(first.columns[clock], name="time", nested=False, rows=None))
+        clock = first.columns["time"]
+        arrays.insert(0, times / seconds_per_unit(table, clock, options))
+        columns.insert(0, replace(table.columns[clock], name="time", nested=False, rows=None))
     named = {"time": "1" if times.size else NO_CLOCK, "input": str(len(arrays) - 1), "output": str(len(arrays))}
     reasons = {
         "time" if key == "time" else role: why
-        for role, of in (("input", roles), ("output", others))
+        for role, of in (("input", first), ("output", second))
         for key, why in of.reasons.items()
     }
-    table = Table(
-        path, f"two files, the first {first.form}", tuple(columns), lambda at: [[arrays[k] for k in at]], where, repairs
-    )
-    return table, named, reasons
+    form = f"two files, the first {table.form}"
+    return Table(path, form, tuple(columns), lambda at: [[arrays[k] for k in at]], where, repairs), named, reasons
 
 
-def _channel(name: str, time: str | None, options: ReadOptions) -> tuple[Table, Roles, Vector, Vector]:
-    """Table, roles, times in seconds (empty if the file has none) and values."""
+def _channel(name: str, time: str | None, options: ReadOptions) -> tuple[Roles, Vector, Vector]:
+    """Roles, times in seconds (empty if the file has none) and values."""
     path, column = split_name(name)
     named = {"time": time, "reference": column}
     table = open_table(path, named, options)
     roles = choose_roles(table, named, options.sample_time is not None)
     *times, values = table.read([*roles.columns.values()])
     if not times:
-        return table, roles, np.empty(0), values
+        return roles, np.empty(0), values
     known = ~np.isnan(times[0])
-    return table, roles, times[0][known] * seconds_per_unit(table, roles.columns["time"], options), values[known]
+    return roles, times[0][known] * seconds_per_unit(table, roles.columns["time"], options), values[known]
 
 
 def seconds_per_unit(table: Table, time: int, options: ReadOptions) -> float:
@@ -297,27 +294,26 @@ def seconds_per_unit(table: Table, time: int, options: ReadOptions) -> float:
 
 def _selected_rows(
     table: Table, time: int | None, unit: float, period: float, options: ReadOptions
-) -> tuple[slice, Mask]:
-    """The rows between two times since the start of their part, and a mask of those to leave out between parts."""
-    none = np.zeros(0, dtype=bool)
+) -> tuple[slice, Index | None]:
+    """The rows to read, and which of them are between two times since the start of their part; None for all."""
     low, high = options.from_s or 0.0, math.inf if options.to_s is None else options.to_s
     if time is None:
         first, last = math.ceil(low / period - 1e-9), None if high == math.inf else int(high / period + 1e-9) + 1
-        return slice(first or None, last, options.decimate), none
+        return slice(first or None, last, options.decimate), None
     if low == 0.0 and high == math.inf:
-        return slice(None, None, options.decimate), none
+        return slice(None, None, options.decimate), None
     (times,) = table.read([time])
     starts = run_starts(times)
     since = (times - np.repeat(np.fmin.reduceat(times, starts), np.diff([*starts, times.size]))) * unit
-    inside = np.flatnonzero((since >= low) & (since <= high))
-    if inside.size < 2:
+    inside = (since >= low) & (since <= high)
+    rows = np.flatnonzero(inside)
+    if rows.size < 2:
         span = f"after --from {low:g}" if high == math.inf else f"between --from {low:g} and --to {high:g}"
         raise RecordingError(
-            f"{table.path}: has {inside.size} rows {span} (seconds after its first time); it lasts "
-            f"{np.nanmax(since):g} s"
+            f"{table.path}: has {rows.size} rows {span} (seconds after its first time); it lasts {np.nanmax(since):g} s"
         )
-    selected = slice(int(inside[0]), int(inside[-1]) + 1, options.decimate)
-    return selected, ~((since >= low) & (since <= high))[selected]
+    selected = slice(int(rows[0]), int(rows[-1]) + 1, options.decimate)
+    return selected, np.flatnonzero(inside[selected])
 
 
 def _refuse_other_clock(table: Table, time: int, times: Vector, period: float, options: ReadOptions) -> None:

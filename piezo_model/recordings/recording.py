@@ -101,6 +101,10 @@ class Recording(Source):
     """Unit of the input ("V"), or "" if unknown."""
     output_unit: str = ""
     """Unit of the output ("um"), or "" if unknown."""
+    recordings: tuple[Recording, ...] = field(default=(), repr=False, compare=False)
+    """The recordings of one stage that this one consists of, one after another, each with its own sampling period."""
+    weights: tuple[float, ...] = (1.0,)
+    """Weight of each recording in a mean over all samples."""
 
     @classmethod
     def open(
@@ -241,7 +245,8 @@ class Recording(Source):
                 f"{name}: input and output must be one-dimensional, of equal length and not empty, "
                 f"not of shapes {shapes[0]} and {shapes[1]}"
             )
-        rows = Rows(name, ["input", "output"], [np.copy(signal) for signal in signals.values()], "sample {}".format)
+        copies = [np.copy(signal) for signal in signals.values()]
+        rows = Rows(name, ["input", "output"], copies, "sample {}".format, np.arange(copies[0].size, dtype=float))
         for label, signal, most in zip(rows.labels, rows.signals, (0.0, MOST_MISSING), strict=True):
             last_known(rows, label, signal, most, arrays=True)
         if (missing := np.isnan(rows.signals[1])).any():
@@ -260,8 +265,8 @@ class Recording(Source):
 
     @property
     def duration_s(self) -> float:
-        """Time from the first sample to the last, in seconds."""
-        return (self.length - 1) * self.sample_time
+        """Time from the first sample to the last of the longest recording, in seconds."""
+        return max((recording.length - 1) * recording.sample_time for recording in self.recordings or (self,))
 
     def digest(self) -> str:
         """SHA-256 of the sampling period in nine digits, the starts of the parts, and the samples, each as input and
@@ -304,23 +309,26 @@ class Recording(Source):
 
     @property
     def time(self) -> Vector:
-        """Time, shape (samples,), from −1 to 1 over the duration."""
-        return np.linspace(-1.0, 1.0, self.length)
+        """Time since the middle of each recording, shape (samples,), from −1 to 1 over the longest one."""
+        longest, recordings = self.duration_s or 1.0, self.recordings or (self,)
+        return np.concatenate(
+            [recording.duration_s / longest * np.linspace(-1.0, 1.0, recording.length) for recording in recordings]
+        )
 
     @property
     def owners(self) -> list[int]:
         """Number of the recording to which each part belongs, 0 for a single recording."""
-        return [0] * len(self.starts)
+        return [i for i, recording in enumerate(self.recordings or (self,)) for _ in recording.starts]
 
     @property
     def part_weights(self) -> list[float]:
         """Weight of each part in a mean over the samples."""
-        return [1.0] * len(self.starts)
+        return [self.weights[i] for i in self.owners]
 
     @property
     def periods(self) -> list[float]:
         """Sampling period of each part in s."""
-        return [self.sample_time] * len(self.starts)
+        return [recording.sample_time for recording in self.recordings or (self,) for _ in recording.starts]
 
     def spread(self, of_parts: Sequence[float]) -> Vector:
         """Values of the parts, repeated for each of their samples, shape (samples,)."""
@@ -358,14 +366,11 @@ class Recording(Source):
     def describe(self) -> str:
         """Describe the samples and the guessed columns in two lines, and each remark in one."""
         gaps = int(np.count_nonzero(self.uncounted))
-        more = {
-            f" by {self.columns.get('time')!r}": "time" in self.columns,
-            f"; {gaps} of them not counted": gaps,
-        }
+        clock = f" by {self.columns['time']!r}" if "time" in self.columns else ""
         first = (
             f"{self.name}: {self.form + '; ' if self.form else ''}{self.length} samples over "
             f"{quantity(self.duration_s, 's')}, {self._describe_period()}"
-            f"{''.join(clause for clause, applies in more.items() if applies)}"
+            f"{clock}{f'; {gaps} of them not counted' * bool(gaps)}"
         )
         input = self._describe_signal("input", self.input_unit, self.x_range)
         output = self._describe_signal("output", self.output_unit, self.y_range)

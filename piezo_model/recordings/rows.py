@@ -2,7 +2,6 @@
 stamps, and restarts or pauses of the times, at which a part begins."""
 
 from dataclasses import dataclass, field
-from itertools import pairwise
 
 import numpy as np
 
@@ -19,8 +18,6 @@ LEAST_RETURN = 0.5
 """Smallest step back of the times at the end of a part, relative to its duration."""
 LEAST_PAUSE = 10.0
 """Shortest pause between two parts, in sampling periods and in neighbouring steps; a shorter one is a gap."""
-SAME_RATE = 0.02
-"""Largest relative difference of the sampling periods of two parts."""
 WINDOW = 65536
 """Rows from which the usual step is estimated."""
 SAME_VALUES = 0.9
@@ -46,9 +43,12 @@ class Rows:
     signals: list[Vector]
     where: RowName
     """Name of a row as the user counts rows."""
+    times: Vector
+    """Numbers of the rows if there is no clock."""
     time_label: str = ""
-    times: Vector | None = None
-    """In any unit; None if the period is known without times."""
+    """Empty if there is no clock."""
+    unit: float = 1.0
+    """Unit of the times in seconds."""
     uncounted: Mask = field(init=False)
     """Mask of rows whose values were not measured."""
     starts: list[int] = field(default_factory=lambda: [0])
@@ -69,18 +69,27 @@ class Rows:
     def select(self, selection: Index | slice) -> None:
         """Keep some rows, in this order; a part starts at the first of its remaining rows."""
         self.signals = [signal[selection] for signal in self.signals]
-        self.times = None if self.times is None else self.times[selection]
+        self.times = self.times[selection]
         self.uncounted = self.uncounted[selection]
         if not isinstance(selection, slice):
             where = self.where
             self.where = lambda row: where(int(selection[row]))
             self.starts = np.unique(np.searchsorted(selection, self.starts)).tolist()
 
-    def replace(self, k: int, bad: Mask) -> None:
+    def replace(self, k: int, bad: Mask | list[int]) -> None:
         """Interpolate bad values of a signal, which then do not count."""
         at = np.arange(self.length)
-        self.signals[k] = np.interp(at, at[~bad], self.signals[k][~bad])
-        self.uncounted |= bad
+        known = np.delete(at, bad)
+        self.signals[k] = np.interp(at, known, self.signals[k][known])
+        self.uncounted[bad] = True
+
+    def seconds(self, time: float) -> str:
+        """A time or duration in seconds, for a sentence."""
+        return f"{time * self.unit:.9g} s"
+
+    def refusal(self, sentence: str) -> RecordingError:
+        """A sentence about the times, as an error."""
+        return RecordingError(f"{self.path}: {self.time_label} {sentence}")
 
     def named(self, at: Index, most: int = 3) -> str:
         """Names of the first of some rows, for a sentence."""
@@ -89,20 +98,14 @@ class Rows:
 
 
 def sort_by_time(rows: Rows) -> None:
-    """Put rows that are sorted by a signal, or by falling times in one or more runs, in the order of their times."""
+    """Put rows that are sorted by a signal, or by falling times, in the order of their times."""
     times = rows.times
-    if times is None or (times[1:] >= times[:-1]).all():
+    if (times[1:] >= times[:-1]).all():
         return
-    runs = np.split(np.arange(rows.length), run_starts(times)[1:])
-    if times[runs[0][0]] > times[runs[0][-1]] and min(map(len, runs)) >= min(LEAST_PART, rows.length):
-        order = np.concatenate([run[::-1] for run in runs])
-    elif np.unique(times).size == times.size and any(map(_monotonic, rows.signals)):
-        order = np.argsort(times)
-    else:
-        return
-    rows.repairs.append("its rows were not in the order of their times, and were sorted by time")
-    rows.select(order)
-    rows.starts = [0]
+    if _monotonic(times) or (np.unique(times).size == times.size and any(map(_monotonic, rows.signals))):
+        rows.repairs.append("its rows were not in the order of their times, and were sorted by time")
+        rows.select(np.lexsort((-np.arange(rows.length), times)))
+        rows.starts = [0]
 
 
 def run_starts(times: Vector) -> list[int]:
@@ -120,7 +123,7 @@ def refuse_sorted(rows: Rows) -> None:
     RecordingError
         The order in time, which hysteresis needs, is lost.
     """
-    if rows.times is not None or rows.length < LEAST_ROWS or len(rows.signals) < 2:
+    if rows.time_label or rows.length < LEAST_ROWS or len(rows.signals) < 2:
         return
     for label, ordered, other in zip(rows.labels, rows.signals, rows.signals[::-1], strict=True):
         steps, span = np.diff(ordered), float(np.ptp(other))
@@ -145,11 +148,10 @@ def begin_parts(rows: Rows, even: bool = True) -> None:
     Raises
     ------
     RecordingError
-        With ``even``, parts with different sampling rates; otherwise a gap next to too few rows for a part, which would
-        be interpolated.
+        Without ``even``, a gap next to too few rows for a part, which would be interpolated.
     """
     times = rows.times
-    if times is None or rows.length < 2:
+    if rows.length < 2:
         return
     steps = np.diff(times)
     positive = steps[:WINDOW][steps[:WINDOW] > 0.0]
@@ -168,41 +170,24 @@ def begin_parts(rows: Rows, even: bool = True) -> None:
     pauses = np.setdiff1d(long[alone] + 1, rows.starts)
     long_enough = min(np.diff(sorted({*rows.starts, *pauses.tolist(), rows.length}))) >= LEAST_PART
     if pauses.size and not even and not long_enough:
-        raise RecordingError(
-            f"{rows.path}: {rows.time_label} has a gap before {rows.named(pauses)} and fewer than {LEAST_PART} rows "
-            "next to it; exclude these rows with --from or --to"
+        raise rows.refusal(
+            f"has a gap before {rows.named(pauses)} and fewer than {LEAST_PART} rows next to it; exclude these rows "
+            "with --from or --to"
         )
     if pauses.size and long_enough:
         rows.starts = sorted({*rows.starts, *pauses.tolist()})
         many = "a pause" if pauses.size == 1 else f"{pauses.size} pauses"
         rows.repairs.append(f"{many} in its times, before {rows.named(pauses)}: a new part begins there")
     if later := rows.starts[1:]:
-        if even:
-            _refuse_other_rates(rows, times)
         first = later[0]
-        period = (times[first - 1] - times[0]) / (first - 1) if (steps[: first - 1] > 0.0).all() else usual
+        period = (times[first - 1] - times[0]) / max(first - 1, 1) if (steps[: first - 1] > 0.0).all() else 0.0
         leap = np.zeros(rows.length)
-        leap[later] = period - steps[np.array(later) - 1]
+        leap[later] = (period or usual) - steps[np.array(later) - 1]
         rows.times = times + np.cumsum(leap)
-
-
-def _refuse_other_rates(rows: Rows, times: Vector) -> None:
-    """Refuse parts whose mean sampling periods differ by more than the rounding of their ends."""
-    bounds = [*rows.starts, rows.length]
-    means = [(times[end - 1] - times[a]) / max(end - a - 1, 1) for a, end in pairwise(bounds)]
-    for start, end, mean in zip(bounds[1:], bounds[2:], means[1:], strict=False):
-        allowed = SAME_RATE + 1.0 / max(end - start - 1, 1) + 1.0 / max(bounds[1] - 1, 1)
-        if abs(mean - means[0]) > allowed * means[0]:
-            raise RecordingError(
-                f"{rows.path}: {rows.time_label} has two sampling rates: one sample every {means[0]:.6g} in the first "
-                f"part and one every {mean:.6g} from {rows.where(start)} on; --resample interpolates to an "
-                "even clock"
-            )
 
 
 def drop_repeats(rows: Rows) -> bool:
     """Drop rows that repeat the previous time, if nearly all also repeat its values; True if any were dropped."""
-    assert rows.times is not None
     again = np.flatnonzero(np.diff(rows.times) == 0.0) + 1
     same = np.all([np.diff(signal)[again - 1] == 0.0 for signal in rows.signals], axis=0)
     if not again.size or np.count_nonzero(same) < SAME_VALUES * again.size:
