@@ -4,7 +4,7 @@ path
  │   formats.open_tables  first bytes → the reader of the format, which checks sizes before it reads
  │   opening.open_table   of several tables, the one that can be the recording or that the user names
  ▼
-Table                     named columns (`array_table`, also of `Recording.of`; text and sheets: `layout`, `text_rows`)
+Table                     named columns (`array_table`, also of `Recording.of`; of text: `layout`, `formats.text`)
  │   roles.choose_roles   by name, unit and elimination; time also by its values
  │   Table.read           the chosen columns as float64, clocks as seconds (`clock_cells`)
  ▼

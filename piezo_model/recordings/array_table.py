@@ -1,13 +1,12 @@
 """A table of named arrays as in scientific formats: any lengths, matrices, fields, batches of recordings."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from piezo_model.recordings.roles import TIME_WORDS
 from piezo_model.recordings.table import (
     KINDS,
     MOST_COLUMNS,
@@ -51,11 +50,12 @@ def table_of(path: Path | str, contents: Arrays) -> Table:
         return {name: array[()] for name, array in chosen.items()}
 
     arrays, form = contents.arrays, contents.form
-    if batch := _batch_of(arrays, read):
+    if batch := _batch_of(arrays):
         shape, in_rows = batch
         arrays = {name: _joined(np.squeeze(array), shape, in_rows) for name, array in read(arrays).items()}
         form = f"{form}, a batch of {shape[not in_rows]} recordings of {shape[in_rows]} samples"
-    columns, sources = [], []
+    columns: list[Column] = []
+    sources: list[tuple[str, str]] = []
     for name, array in arrays.items():
         period = contents.periods.get(name) if isinstance(contents.periods, Mapping) else contents.periods
         if period is not None:
@@ -63,16 +63,8 @@ def table_of(path: Path | str, contents: Arrays) -> Table:
         if not isinstance(array, np.ndarray):  # only shape and type are known
             array = np.broadcast_to(np.empty((), array.dtype), array.shape)
         for label, values in _columns(name, array):
-            columns.append(
-                Column.named(
-                    label,
-                    contents.units.get(name, ""),
-                    nested=contents.nested,
-                    kind=KINDS[values.dtype.kind],
-                    rows=len(values),
-                    sample_time=period,
-                )
-            )
+            about = {"kind": KINDS[values.dtype.kind], "rows": len(values), "sample_time": period}
+            columns.append(Column.named(label, contents.units.get(name, ""), nested=contents.nested, **about))
             sources.append((name, label))
             if len(columns) > MOST_COLUMNS:
                 raise RecordingError(f"{path}: has more than {MOST_COLUMNS} columns, the limit for a recording")
@@ -96,22 +88,15 @@ def table_of(path: Path | str, contents: Arrays) -> Table:
     return Table(path, form, tuple(columns), batches)
 
 
-def _batch_of(
-    arrays: Mapping[str, Any], read: Callable[[Sequence[str]], dict[str, Any]]
-) -> tuple[tuple[int, ...], bool] | None:
+def _batch_of(arrays: Mapping[str, Any]) -> tuple[tuple[int, ...], bool] | None:
     """The shape of a batch among some arrays, and whether its rows (or else columns) are the recordings; None if there
-    are not two matrices of one shape, and times for one of its axes in a vector or in a third such matrix."""
-    shapes = {n: tuple(k for k in a.shape if k != 1) for n, a in arrays.items() if a.dtype.kind in "iuf"}
-    lengths = {shape[0] for shape in shapes.values() if len(shape) == 1}
-    common = Counter(shape for shape in shapes.values() if len(shape) == 2).most_common(1)
+    are not two matrices of one shape, and a vector of times for one of its axes."""
+    shapes = [tuple(k for k in a.shape if k != 1) for a in arrays.values() if a.dtype.kind in "iuf"]
+    lengths = {shape[0] for shape in shapes if len(shape) == 1}
+    common = Counter(shape for shape in shapes if len(shape) == 2).most_common(1)
     if not common or common[0][1] < 2:
         return None
-    shape, many = common[0]
-    clocks = [name for name in shapes if shapes[name] == shape and name.rpartition("/")[2].lower() in TIME_WORDS]
-    if clocks and many > 2:
-        times = np.squeeze(read(clocks[:1])[clocks[0]])
-        in_rows = bool((np.diff(times, axis=1) > 0.0).all())
-        return (shape, in_rows) if in_rows or (np.diff(times, axis=0) > 0.0).all() else None
+    shape, _ = common[0]
     if shape[0] == shape[1] or lengths.isdisjoint(shape):
         return None
     return (shape, in_rows) if (in_rows := shape[1] in lengths) or shape[1] > MOST_AXES else None

@@ -1,8 +1,7 @@
 """Clocks as text (12:34:56.789, 2024-01-31T12:34:56.789+01:00, 31.01.2024 12:34:56,789), exact to the nanosecond.
 
-A column has one form: all of its clocks have a date, or none has, and likewise for an offset from UTC, which is
-subtracted. Of the orders of day and month for which most dates are valid, the one with the shortest path through the
-dates is chosen.
+A column has one form: all of its clocks have a date, or none has, and all have the same offset from UTC, or none. Of
+the orders of day and month for which most dates are valid, the one with the shortest path through the dates is chosen.
 """
 
 import math
@@ -58,15 +57,14 @@ def times(chunks: Sequence[pa.StringArray], label: str, where: RowName) -> NDArr
         of_day[short] = (of_day[short] - below_minute) // 60 + below_minute
     first = int(np.argmax(known))
     days = _days(list(dates), int(date[first]))[date]
-    offsets = np.array([_offset(text) if bool(text) == bool(zone[first]) else math.nan for text in zones])[zone]
-    wrong = np.flatnonzero(known & np.isnan(days + offsets + np.where(of_day < 0, np.nan, 0.0)))
+    wrong = np.flatnonzero(known & (np.isnan(days) | (zone != zone[first]) | (of_day < 0)))
     if wrong.size:
         cells, row = pa.chunked_array(chunks), int(wrong[0])
         cell, example = cells[row].as_py(), cells[first].as_py()
         like = f" like {example!r}" if example != cell else ""
         raise RecordingError(f"{label} holds {cell!r} in {where(row)}, where a clock{like} is needed")
     result = np.full(known.size, np.iinfo(np.int64).min)  # NaT
-    result[known] = of_day[known] + (days * DAY - offsets * SECOND)[known].astype(np.int64)
+    result[known] = of_day[known] + (days * DAY)[known].astype(np.int64)
     return result.view("M8[ns]" if date[first] else "m8[ns]")
 
 
@@ -109,12 +107,6 @@ def _ordinal(date: str, order: str) -> float:
         return datetime.strptime(re.sub("[./]", "-", date), order).toordinal()
     except ValueError:  # no such month or day
         return math.nan
-
-
-def _offset(zone: str) -> float:
-    """Seconds of an offset from UTC."""
-    digits = re.sub(r"\D", "", zone).ljust(4, "0")
-    return float(f"{zone[:1].strip('ZU')}{3600 * int(digits[:2]) + 60 * int(digits[2:])}")
 
 
 def _coded(texts: pa.StringArray, codes: dict[str, int]) -> NDArray[np.int32]:

@@ -12,7 +12,7 @@ import csv
 import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 from piezo_model.recordings.clock_cells import is_clock
@@ -26,18 +26,20 @@ SEPARATORS: Mapping[str, str] = {
     ",": "commas",
     "|": "bars",
     " ": "blanks",
-    ", ": "commas with blanks",
 }
-"""Separators in the order of preference, and their names; " " means any run of blanks and tabs, and ", " a comma
-followed by blanks, as multimeters write with decimal commas."""
-RUNS: Mapping[str, str] = {" ": r"[ \t]+", ", ": ", +"}
-"""Separators that Arrow does not know, and that are replaced by tabs."""
+"""Separators in the order of preference, and their names; " " means any run of blanks and tabs, which is replaced by a
+tab for Arrow."""
+BLANKS = re.compile(r"[ \t]+")
 COMMENT_MARKS = ("#", "%", "//", ";", "!", "**")
 COMMENT = re.compile(rf"\s*(?:{'|'.join(map(re.escape, COMMENT_MARKS))})+\s*")
-MISSING = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---", "#value!", "missing"})
+MISSING = ("", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---", "#value!", "missing")
 NULLS = {case(cell) for cell in MISSING for case in (str.lower, str.upper, str.capitalize)} | {"NaN"}
 """The spellings of MISSING."""
-FLAGS = frozenset({"true", "false", "yes", "no", "on", "off"})
+WORDS: Mapping[str, Kind] = {
+    **dict.fromkeys(MISSING, "empty"),
+    **dict.fromkeys(("true", "false", "yes", "no", "on", "off"), "flag"),
+}
+"""Kinds of cells by their words."""
 DECIMAL = {
     mark: re.compile(rf"[+-]?(?:(?:\d++[{mark}]?\d*+|[{mark}]\d+)(?:[eE][+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE)
     for mark in ".,"
@@ -45,6 +47,7 @@ DECIMAL = {
 LONGEST_VALUE = 100
 """Most characters of a number or a clock; a longer cell is text, so that hostile cells take no time."""
 REMARKS_BELOW_HEADER = 2
+VALUES: frozenset[Kind] = frozenset({"number", "clock"})
 WORTH: Mapping[Kind, float] = {"number": 1.0, "clock": 1.0, "flag": 0.3, "empty": 0.0, "text": -0.5}
 """Score of a cell by its kind."""
 LONGEST_UNIT = 12
@@ -73,30 +76,30 @@ class Dialect:
     def split(self, line: str) -> list[str]:
         """Cells of a line."""
         line = line.rstrip("\r\n")
-        if self.separator in RUNS:
-            return re.split(RUNS[self.separator], line.strip())
+        if self.separator == " ":
+            return BLANKS.split(line.strip())
         return [cell.strip() for cell in cells_of(line.strip(" "), self.separator)]
 
     def is_comment(self, line: str) -> bool:
         """True if a line is a comment; a leading semicolon may also be the separator after an empty first cell."""
         if self.separator == ";" and line.lstrip().startswith(";"):
-            return not any(self.kind(cell) in ("number", "clock") for cell in self.split(line))
+            return VALUES.isdisjoint(map(self.kind, self.split(line)))
         return bool(COMMENT.match(line))
+
+    def kinds(self, line: str) -> list[Kind]:
+        """Kinds of the cells of a line; none of a comment."""
+        return [] if self.is_comment(line) else [self.kind(cell) for cell in self.split(line)]
 
     def kind(self, cell: str) -> Kind:
         """Kind of value in a cell."""
         cell = cell.strip()
-        if cell.lower() in MISSING:
-            return "empty"
+        if (word := cell.lower()) in WORDS:
+            return WORDS[word]
         if len(cell) > LONGEST_VALUE:
             return "text"
         if DECIMAL[self.decimal].fullmatch(cell):
             return "number"
-        if cell.lower() in FLAGS:
-            return "flag"
-        if is_clock(cell):
-            return "clock"
-        return "text"
+        return "clock" if is_clock(cell) else "text"
 
 
 def cells_of(line: str, separator: str) -> list[str]:
@@ -105,9 +108,6 @@ def cells_of(line: str, separator: str) -> list[str]:
         return next(csv.reader([line], delimiter=separator), [])
     except csv.Error:
         return [line]
-
-
-SPACED = Dialect(", ", ",")
 
 
 @dataclass(frozen=True)
@@ -152,19 +152,17 @@ def regions_of(blocks: Iterable[str], dialect: Dialect, size: Callable[[str], in
     for block in blocks:
         plain = bool(regions[-1].rows and not above and PLAIN.fullmatch(block))
         for text in [block] if plain else LINE.findall(block):
-            cells = [] if plain or dialect.is_comment(text) else dialect.split(text)
-            kinds = [dialect.kind(cell) for cell in cells]
+            kinds = [] if plain else dialect.kinds(text)
             names = _header_above(dialect, above, kinds, regions[-1])
-            has_numbers = "number" in kinds or "clock" in kinds
-            is_row = names is not None or "text" not in kinds or len(cells) == regions[-1].width
-            if plain or (has_numbers and is_row):
+            is_row = names is not None or "text" not in kinds or len(kinds) == regions[-1].width
+            if plain or (is_row and not VALUES.isdisjoint(kinds)):
                 key = {_key(dialect, row) for at, row in above if at == names or not dialect.is_comment(row)}
                 if names is not None and not key <= regions[-1].key:
                     titles = [row for at, row in above if at < names and len(dialect.split(row)) == 1]
                     title = printable("".join(titles[-1:]).strip(MARKS))[:LONGEST_TITLE]
                     regions.append(Region(*end, names - end[0], title, key=key))
                 regions[-1].rows += (text.count("\n") or text.count("\r")) if plain else 1
-                regions[-1].width = regions[-1].width or len(cells)
+                regions[-1].width = regions[-1].width or len(kinds)
                 above = []
             elif re.search(r"\w", text):
                 above = [*above[-SETTINGS:], (line, text)]
@@ -183,7 +181,7 @@ def _header_above(
     dialect: Dialect, above: Sequence[tuple[int, str]], kinds: Sequence[Kind], table: Region
 ) -> int | None:
     """The line that names the columns, among the last lines above a row of these kinds; None without one."""
-    numbers, texts = sum(kind in ("number", "clock") for kind in kinds), kinds.count("text")
+    numbers, texts = sum(kind in VALUES for kind in kinds), kinds.count("text")
     for at, line in reversed(above[-REMARKS_BELOW_HEADER - 1 :] if numbers else ()):
         written = [name for name in _names(dialect, line, kinds) or () if dialect.kind(name) == "text"]
         split = len(dialect.split(_uncommented(dialect, line))) > 1 and not dialect.is_comment(line)
@@ -209,65 +207,41 @@ def layout_of(
     first = header_row or first
     quoted = any('"' in line for line in lines)
     lines, stated = _without_settings(lines)
-    spaced = decimal != "." and not quoted and _has_spaced_commas(lines[first:])
-    dialects = (
-        [SPACED]
-        if spaced
-        else [
-            Dialect(separator, mark)
-            for separator in SEPARATORS
-            for mark in ([decimal] if decimal else ".,")
-            if separator != SPACED.separator and (quoted or (separator, mark) != (",", ","))
-        ]
-    )
+    dialects = [
+        Dialect(separator, mark)
+        for separator in SEPARATORS
+        for mark in ([decimal] if decimal else ".,")
+        if quoted or (separator, mark) != (",", ",")
+    ]
     score, dialect, rows = max(
         (_score(candidate, lines, first) for candidate in dialects), key=lambda scored: scored[0]
     )
     if score <= 0:
         return None
-    cells = [dialect.split(lines[k]) for k in rows]
-    kinds = _kinds(dialect, cells)
+    kinds = tuple(map(_commonest, zip(*rows.values(), strict=True)))
     good = (
         k
-        for k, row in zip(rows, cells, strict=True)
-        if all(
-            kind not in ("number", "clock") or dialect.kind(cell) in (kind, "empty")
-            for cell, kind in zip(row, kinds, strict=True)
-        )
+        for k, row in rows.items()
+        if all(kind not in VALUES or cell in (kind, "empty") for cell, kind in zip(row, kinds, strict=True))
     )
-    start = _with_damaged_rows(dialect, lines, next(good, rows[0]), kinds, first)
-    layout = _headed(lines, dialect, start, kinds, header_row)
-    named, gcs = (
-        _named_by_settings(cells[:SETTINGS], kinds),
-        dict(GCS_ENTRY.findall("".join(lines[: layout.start]))),
-    )
-    for k, kind in enumerate(kinds):
-        if f"NAME{k}" in gcs:
-            named[k] = Column.named(gcs[f"NAME{k}"], gcs.get(f"UNIT{k}", ""), kind=kind)
-    period = period_in([*lines[: layout.start], *stated])
-    return replace(
-        layout,
-        columns=tuple(replace(named.get(k, column), sample_time=period) for k, column in enumerate(layout.columns)),
-        remarks=frozenset(
-            as_remark(line)
-            for line in lines[max(0, start - REMARKS) : start]
-            if any(dialect.kind(cell) == "text" for cell in dialect.split(line)) and not dialect.is_comment(line)
-        ),
-        quoted=quoted,
-    )
-
-
-def _has_spaced_commas(lines: Sequence[str]) -> bool:
-    """True if commas before blanks separate cells and all others are decimal marks, unless a header has as many names
-    as there are cells between commas of any kind."""
-    rows = [line.strip() for line in lines if re.search(r"\d,\d", line)]
-    widths = {len(line.split(",")) for line in lines if "," in line and line.strip() not in rows}
-    cells = [cell for row in rows for cell in SPACED.split(row)]
-    return (
-        2 * len(rows) > len(lines)
-        and all(", " in row and len(row.split(",")) not in widths for row in rows)
-        and all(SPACED.kind(cell) == "number" for cell in cells if "," in cell)
-        and not any(re.fullmatch(r"[+-]?\d*\.\d+", cell) for cell in cells)
+    start = _with_damaged_rows(dialect, lines, next(good, min(rows)), kinds, first)
+    header, names, units, glued = _headed(lines, dialect, start, kinds, header_row)
+    top = lines[: header if glued else start]
+    gcs = dict(GCS_ENTRY.findall("".join(top)))
+    named = {
+        **{k: (name or f"column {k + 1}", unit) for k, (name, unit) in enumerate(zip(names, units, strict=True))},
+        **_named_by_settings([dialect.split(lines[k]) for k in rows][:SETTINGS], kinds),
+        **{k: (gcs[f"NAME{k}"], gcs.get(f"UNIT{k}", "")) for k in range(len(kinds)) if f"NAME{k}" in gcs},
+    }
+    period = period_in([*top, *stated])
+    return Layout(
+        dialect,
+        len(top),
+        tuple(Column.named(*named[k], kind=kind, sample_time=period) for k, kind in enumerate(kinds)),
+        header,
+        frozenset(as_remark(line) for line in lines[max(0, start - REMARKS) : start] if "text" in dialect.kinds(line)),
+        glued,
+        quoted,
     )
 
 
@@ -287,52 +261,46 @@ def as_remark(line: str) -> str:
     return re.sub(r"\d++", "0", line.strip())
 
 
-def _score(dialect: Dialect, lines: Sequence[str], first: int) -> tuple[float, Dialect, list[int]]:
-    """Score of the rows of the best width, the dialect, and those rows."""
-    rows: defaultdict[int, list[int]] = defaultdict(list)
+def _score(dialect: Dialect, lines: Sequence[str], first: int) -> tuple[float, Dialect, dict[int, list[Kind]]]:
+    """Score of the rows of the best width, the dialect, and the kinds of the cells of those rows."""
+    rows: defaultdict[int, dict[int, list[Kind]]] = defaultdict(dict)
     scores: defaultdict[int, float] = defaultdict(float)
     for at, line in enumerate(lines[first:], start=first):
-        cells = [] if dialect.is_comment(line) else dialect.split(line)
-        kinds = [dialect.kind(cell) for cell in cells]
-        if "number" in kinds or "clock" in kinds:
-            rows[len(cells)].append(at)
-            scores[len(cells)] += sum(WORTH[kind] for kind in kinds)
+        kinds = dialect.kinds(line)
+        if not VALUES.isdisjoint(kinds):
+            rows[len(kinds)][at] = kinds
+            scores[len(kinds)] += sum(WORTH[kind] for kind in kinds)
     width = max(scores, key=scores.__getitem__, default=0)
     return scores[width], dialect, rows[width]
 
 
-def _kinds(dialect: Dialect, rows: Sequence[Sequence[str]]) -> tuple[Kind, ...]:
-    """The commonest kind of each column; empty cells count only if nearly all are empty, or the others are of several
+def _commonest(kinds: Sequence[Kind]) -> Kind:
+    """The commonest kind of a column; empty cells count only if nearly all are empty, or the others are of several
     kinds."""
-
-    def commonest(counts: Counter[Kind]) -> Kind:
-        written = counts.total() - counts["empty"]
-        if counts["text"] and 2 * written < counts.total():
-            return "text"
-        if written < LEAST_WRITTEN * counts.total():
-            return "empty"
-        return max(counts, key=lambda kind: (kind != "empty", counts[kind], WORTH[kind]))
-
-    return tuple(commonest(Counter(map(dialect.kind, column))) for column in zip(*rows, strict=True))
+    counts = Counter(kinds)
+    written = counts.total() - counts["empty"]
+    if counts["text"] and 2 * written < counts.total():
+        return "text"
+    if written < LEAST_WRITTEN * counts.total():
+        return "empty"
+    return max(counts, key=lambda kind: (kind != "empty", counts[kind], WORTH[kind]))
 
 
 def _with_damaged_rows(dialect: Dialect, lines: Sequence[str], start: int, kinds: Sequence[Kind], first: int) -> int:
     """Include lines above the first good row that are damaged rows, not a header, since some of their cells are
     numbers."""
-    while start > first and lines[start - 1].strip() and not dialect.is_comment(lines[start - 1]):
-        cells = dialect.split(lines[start - 1])
-        if len(cells) != len(kinds) or not any(
-            kind == dialect.kind(cell) == "number" for cell, kind in zip(cells, kinds, strict=True)
-        ):
+    while start > first and lines[start - 1].strip():
+        above = dialect.kinds(lines[start - 1])
+        if len(above) != len(kinds) or ("number", "number") not in zip(above, kinds, strict=True):
             break
         start -= 1
     return start
 
 
-def _named_by_settings(rows: Sequence[Sequence[str]], kinds: Sequence[Kind]) -> dict[int, Column]:
-    """Columns of an oscilloscope (Tektronix TDS) that writes its settings next to the first rows, name and value in two
-    columns to the left of time and signal."""
-    columns: dict[int, Column] = {}
+def _named_by_settings(rows: Sequence[Sequence[str]], kinds: Sequence[Kind]) -> dict[int, tuple[str, str]]:
+    """Names and units of columns, from the settings that an oscilloscope (Tektronix TDS) writes next to the first rows,
+    name and value in two columns to the left of time and signal."""
+    columns: dict[int, tuple[str, str]] = {}
     for k in range(len(kinds) - 1):
         settings = {row[k]: row[k + 1] for row in rows} if kinds[k] == "text" else {}
         if "Vertical Units" in settings:
@@ -341,14 +309,15 @@ def _named_by_settings(rows: Sequence[Sequence[str]], kinds: Sequence[Kind]) -> 
                 ("Time", settings.get("Horizontal Units", "s")),
                 (settings.get("Source", "signal"), settings["Vertical Units"]),
             )
-            columns |= {at: Column.named(*name, kind="number") for at, name in zip(numbers, names, strict=False)}
+            columns |= zip(numbers, names, strict=False)
     return columns
 
 
 def _headed(
     lines: Sequence[str], dialect: Dialect, start: int, kinds: Sequence[Kind], header_row: int | None
-) -> Layout:
-    """Find names and units above the first row; the header may be a comment, with a remark or a rule below it."""
+) -> tuple[int | None, Sequence[str], Sequence[str], int]:
+    """The line of names above the first row (it may be a comment, with a remark or a rule below it), names, units, and
+    the character at which the first row starts in that line, or 0."""
     above = (
         [k for k in range(start) if re.search(r"\w", lines[k])]
         if header_row is None
@@ -363,17 +332,12 @@ def _headed(
         headed = headed[:2]
     none: Sequence[str] = [""] * len(kinds)
     if not headed and above and (glued := _glued(dialect, lines[above[-1]], kinds)):
-        return Layout(dialect, above[-1], _columns(glued[0], none, kinds), above[-1], glued=glued[1])
+        return above[-1], glued[0], none, glued[1]
     if not headed:
-        return Layout(dialect, start, _columns(none, none, kinds))
+        return None, none, none, 0
     units = headed.pop()[1] if len(headed) > 1 and _all_units(headed[-1][1]) else none
     at, names = headed[-1] if header_row is None else headed[0]
-    return Layout(dialect, start, _columns(names, units, kinds), at)
-
-
-def _columns(names: Sequence[str], units: Sequence[str], kinds: Sequence[Kind]) -> tuple[Column, ...]:
-    described = enumerate(zip(names, units, kinds, strict=True), start=1)
-    return tuple(Column.named(name or f"column {k}", unit, kind=kind) for k, (name, unit, kind) in described)
+    return at, names, units, 0
 
 
 def _glued(dialect: Dialect, line: str, kinds: Sequence[Kind]) -> tuple[tuple[str, ...], int] | None:
@@ -417,7 +381,7 @@ def _names(dialect: Dialect, line: str, kinds: Sequence[Kind]) -> list[str] | No
             cells = [*cells, *[""] * (width - len(cells))]
         elif len(cells) == width - 1 > 1:  # rows start with an index
             cells = ["", *cells]
-        if len(cells) == width and not any(dialect.kind(cell) in ("number", "clock") for cell in cells):
+        if len(cells) == width and VALUES.isdisjoint(map(dialect.kind, cells)):
             return cells
     return None
 

@@ -2,8 +2,6 @@
 
 import gc
 import pickle
-import re
-import zipfile
 from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
@@ -132,17 +130,6 @@ def workbook(path: Path) -> None:
     book.save(path)
 
 
-def strict_workbook(path: Path) -> None:
-    """In Strict Open XML."""
-    workbook(path)
-    with zipfile.ZipFile(path) as archive:
-        parts = {part: archive.read(part) for part in archive.namelist()}
-    with zipfile.ZipFile(path, "w") as archive:
-        for name, part in parts.items():
-            strict = re.sub(rb"http://schemas.openxmlformats.org/(\w+)/2006/", rb"http://purl.oclc.org/ooxml/\1/", part)
-            archive.writestr(name, strict)
-
-
 def numpy_file(save: Callable[..., None], *arrays: Any, **named: Any) -> Callable[[Path], None]:
     """NumPy adds a suffix to a name and none to a file."""
 
@@ -229,7 +216,6 @@ FORMATS: dict[str, tuple[Callable[[Path], Any], dict[str, str]]] = {
     ),
     "NPZ": (numpy_file(np.savez, u=X, y=Y, dt=PERIOD), {"input": "u", "output": "y"}),
     "Excel": (workbook, {"time": "Zeit", "input": "Spannung", "output": "Weg"}),
-    "Excel Strict": (strict_workbook, {"time": "Zeit", "input": "Spannung", "output": "Weg"}),
     "TDMS waveform": (tdms_waveform, {"input": "Drive", "output": "Sensor"}),
     "TDMS groups": (tdms_groups, {"time": "Stage/Time", "input": "Stage/AO0", "output": "Stage/AI0"}),
 }

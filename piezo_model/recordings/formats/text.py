@@ -1,13 +1,37 @@
-"""Plain text of every kind: its layout follows from the first lines (`layout`), then Arrow parses it (`text_rows`)."""
+"""Plain text of every kind: its layout follows from the first lines (`layout`), then Arrow parses its rows, which are
+whole lines in UTF-8 with one separator.
+
+Text that Arrow cannot parse is removed block by block: comments and repeated headers among the rows, runs of blanks, a
+remark or half a row at the end. If Arrow refuses a block, a second, slower pass finds the first wrong cell and its row
+as an editor counts it."""
 
 import codecs
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
+
+import pyarrow as pa
+import pyarrow.csv as arrow_csv
 
 from piezo_model.recordings.clock_cells import times
-from piezo_model.recordings.layout import LINE, SEPARATORS, Layout, Region, layout_of, regions_of
-from piezo_model.recordings.table import RecordingError, Table
-from piezo_model.recordings.text_rows import Source, TextRows, blocks_of, end_of_rows
+from piezo_model.recordings.formats.arrow import array_of
+from piezo_model.recordings.layout import (
+    BLANKS,
+    COMMENT_MARKS,
+    LINE,
+    NULLS,
+    SEPARATORS,
+    VALUES,
+    Layout,
+    Region,
+    as_remark,
+    layout_of,
+    regions_of,
+)
+from piezo_model.recordings.table import RecordingError, Table, first_line
 
 HEAD_BYTES = 1 << 18
 """Bytes at the start of a file that determine its format; the header of a text must lie within them."""
@@ -15,6 +39,139 @@ SAMPLE_LINES = 1000
 BYTE_ORDER_MARKS = {codecs.BOM_UTF8: "utf-8", codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}
 ENCODINGS = {"utf-8": "", "latin-1": " in Latin-1", "utf-16-le": " in UTF-16", "utf-16-be": " in UTF-16"}
 """Encodings, and how a description names them."""
+BLOCK_BYTES = LONGEST_LINE = 1 << 20
+LARGEST_BLOCK = 1 << 24
+"""Bytes of a block with the rest of the previous one, in UTF-8."""
+TAIL_BYTES, MOST_TRUNCATED = 1 << 16, 2
+MARGINS = re.compile(r"^[ \t]+|(?<![ \t])[ \t]++(?=\r?$)", re.MULTILINE)
+
+
+class Source(NamedTuple):
+    """A text in a file or a sheet."""
+
+    path: Path
+    open: Callable[[], BinaryIO]
+    size: int
+    """Bytes."""
+    form: str = "text"
+    sheet: str = ""
+
+
+@dataclass(frozen=True)
+class TextRows:
+    """Where the rows of a text are, and how they are written."""
+
+    source: Source
+    encoding: str
+    layout: Layout
+    start: int
+    """Byte of the first row."""
+    stop: int
+    """Byte after the last row."""
+    line: int = 0
+    """Lines of the file above those that the layout counts."""
+
+    def batches(self, at: Sequence[int]) -> Iterator[list[Any]]:
+        """Columns in batches of rows, with clocks as text.
+
+        Raises
+        ------
+        RecordingError
+            A row or a cell that cannot be read.
+        """
+        layout, dialect = self.layout, self.layout.dialect
+        keys = [str(k) for k in range(len(layout.columns))]  # names in the file may repeat or be empty
+        clocks = {k for k in at if layout.columns[k].kind == "clock"}
+        options = (
+            arrow_csv.ReadOptions(use_threads=False, column_names=keys, block_size=LARGEST_BLOCK),
+            arrow_csv.ParseOptions(
+                delimiter="\t" if dialect.separator == " " else dialect.separator,
+                quote_char='"' if layout.quoted else False,
+            ),
+            arrow_csv.ConvertOptions(
+                column_types={keys[k]: pa.string() if k in clocks else pa.float64() for k in at},
+                include_columns=list(dict.fromkeys(keys[k] for k in at)),
+                null_values=sorted(NULLS),
+                strings_can_be_null=True,
+                decimal_point=dialect.decimal,
+                check_utf8=False,
+            ),
+        )
+        for block in filter(
+            bytes.strip, map(self._for_arrow, blocks_of(self.source, self.encoding, self.start, self.stop))
+        ):
+            try:
+                table = arrow_csv.read_csv(pa.BufferReader(block), *options)
+            except (pa.ArrowException, UnicodeError) as error:
+                raise RecordingError(self._complaint([k for k in at if k not in clocks], error)) from None
+            lines = (block.count(b"\n") or block.count(b"\r")) + (not block.endswith((b"\n", b"\r")))
+            if layout.quoted and len(table) != lines:
+                raise RecordingError(f"{self.source.path}: has an unclosed quote: {lines} lines give {len(table)} rows")
+            for batch in table.to_batches():
+                columns = {k: batch.column(keys[k]) for k in at}
+                yield [columns[k] if k in clocks else array_of(columns[k]) for k in at]
+
+    def where(self, row: int) -> str:
+        """Name of a data row counted from 0: its row in the file as an editor counts, and its data row from 1."""
+        return next((place for k, place, _ in self._named_rows(row) if k == row), f"data row {row + 1}")
+
+    def _named_rows(self, first: int = 0) -> Iterator[tuple[int, str, str]]:
+        """Number, name and text of each row; blocks with nothing but rows before the ``first`` one are skipped."""
+        number, row = self.line + self.layout.start, 0
+        of = f" of sheet {self.source.sheet!r}" if self.source.sheet else ""
+        for block in blocks_of(self.source, self.encoding, self.start, self.stop):
+            lines = block.count("\n") or block.count("\r")
+            if row + lines <= first and self._is_plain(block):
+                number, row = number + lines, row + lines
+                continue
+            for line in LINE.findall(block):
+                number += 1
+                if self._is_row(line):
+                    yield row, f"row {number}{of} (data row {row + 1})", line
+                    row += 1
+
+    def _complaint(self, chosen: Sequence[int], error: Exception) -> str:
+        """A message about the first row that cannot be read; Arrow's own if no row seems wrong."""
+        dialect, columns = self.layout.dialect, self.layout.columns
+        for _, place, line in self._named_rows():
+            cells = dialect.split(line)
+            if len(cells) != len(columns):
+                return f"{self.source.path}: {place} has {len(cells)} columns where the others have {len(columns)}"
+            for at in chosen:
+                cell = cells[at].strip()
+                if dialect.kind(cell) in ("number", "empty"):
+                    continue
+                shown = repr(cell if len(cell) <= 40 else cell[:37] + "…")
+                start = f"{self.source.path}: column {columns[at].name!r} holds {shown} in {place}"
+                if dialect.decimal == "." and replace(dialect, decimal=",").kind(cell) == "number":
+                    return f"{start}, a decimal comma while the other numbers have points"
+                return f"{start}, where a number is needed" + (", not a flag" if dialect.kind(cell) == "flag" else "")
+        return f"{self.source.path}: cannot be read as a table: {first_line(error)}"
+
+    @cached_property
+    def _marks(self) -> tuple[str, ...]:
+        """The marks that start a comment, without the separator, which may also follow an empty first cell."""
+        return tuple(mark for mark in COMMENT_MARKS if mark != self.layout.dialect.separator)
+
+    def _is_plain(self, block: str) -> bool:
+        """True if all lines of a block are rows."""
+        blank = "\n\n" in block or "\n\r" in block or "\r\r" in block or block.isspace() or block[:1] in "\r\n"
+        signs = *self._marks, *(max(remark.split("0"), key=len) for remark in self.layout.remarks)
+        return not blank and not any(sign in block for sign in signs)
+
+    def _is_row(self, line: str) -> bool:
+        blank = line.isspace() if self.layout.dialect.separator == " " else not line.strip(" \r\n")
+        return (
+            not blank and not line.lstrip(" \t").startswith(self._marks) and as_remark(line) not in self.layout.remarks
+        )
+
+    def _for_arrow(self, block: str) -> bytes:
+        """The rows of a block in the syntax of Arrow."""
+        if not self._is_plain(block):
+            block = "".join(filter(self._is_row, LINE.findall(block)))
+        if self.layout.dialect.separator == " ":
+            block = BLANKS.sub("\t", MARGINS.sub("", block))
+        return block.encode()
 
 
 def open_text(path: Path, header_row: int | None, decimal: str | None) -> list[Table]:
@@ -35,24 +192,24 @@ def tables_of(source: Source, header_row: int | None, decimal: str | None) -> li
         encoding, mark = _encoding(path, file.read(HEAD_BYTES))
     lines = _first_lines(source, encoding, mark, stop)
     layout = layout_of(lines[:SAMPLE_LINES], decimal, header_row) or layout_of(lines, decimal, header_row)
-    if source.sheet and (layout is None or layout.dialect.separator != "\t"):
-        return []
-    if layout is None:
+    tables: list[Table] = []
+    if layout is not None and not (source.sheet and layout.dialect.separator != "\t"):
+        blocks = blocks_of(source, encoding, mark, stop)
+        regions = regions_of(blocks, layout.dialect, lambda text: _size(text, encoding))
+        if header_row is not None:  # the user's table ends where the next one begins
+            below = (region for region in regions if header_row and region.line + region.names >= header_row)
+            regions = [Region(), *below]
+        ends = [*(mark + region.begin for region in regions[1:]), stop]
+        for region, end in zip(regions[: None if header_row is None else 1], ends, strict=False):
+            if layout is None or len(regions) > 1 or region.names > layout.start:
+                lines = _first_lines(source, encoding, mark + region.begin, end)
+                layout = layout_of(lines[: region.names + SAMPLE_LINES], decimal, header_row, region.names)
+            if layout is not None:
+                tables.append(_table(source, encoding, lines, layout, region, mark + region.begin, end))
+    if not tables and not source.sheet:
         raise RecordingError(
             f"{path}: holds no data rows, or none in its first lines; --header-row says which row names the columns"
         )
-    regions = regions_of(blocks_of(source, encoding, mark, stop), layout.dialect, lambda text: _size(text, encoding))
-    if header_row is not None:  # the user's table ends where the next one begins
-        regions = [Region(), *(region for region in regions if header_row and region.line + region.names >= header_row)]
-    tables = []
-    for region, end in zip(regions, [*(mark + region.begin for region in regions[1:]), stop], strict=True):
-        if layout is None or len(regions) > 1 or region.names > layout.start:
-            lines = _first_lines(source, encoding, mark + region.begin, end)
-            layout = layout_of(lines[: region.names + SAMPLE_LINES], decimal, header_row, region.names)
-        if layout is not None:
-            tables.append(_table(source, encoding, lines, layout, region, mark + region.begin, end))
-        if header_row is not None:
-            break
     return tables
 
 
@@ -114,3 +271,41 @@ def _encoding(path: Path, head: bytes) -> tuple[str, int]:
     except UnicodeDecodeError:
         return "latin-1", 0
     return "utf-8", 0
+
+
+def blocks_of(source: Source, encoding: str, start: int, stop: int) -> Iterator[str]:
+    """The text between two byte positions, in blocks of whole lines."""
+    decoder = codecs.getincrementaldecoder(encoding)(errors="replace")
+    rest = ""
+    with source.open() as file:
+        file.seek(start)
+        while data := file.read(min(BLOCK_BYTES, stop - file.tell())):
+            rest += decoder.decode(data)
+            cut = rest.rfind("\n") + 1 or rest.rfind("\r") + 1
+            if cut:
+                yield rest[:cut]
+                rest = rest[cut:]
+            elif len(rest) > LONGEST_LINE:
+                raise RecordingError(
+                    f"{source.path}: a line is longer than {LONGEST_LINE} characters, the limit for a row"
+                )
+    yield rest
+
+
+def end_of_rows(source: Source, encoding: str, layout: Layout, start: int, size: int) -> tuple[int, int]:
+    """Byte after the last row of a table that ends before ``size``, and the number of lines below it that are not rows:
+    a remark or a truncated row, but not several rows of another width."""
+    dialect = layout.dialect
+    begin = max(start, size - TAIL_BYTES)
+    begin += (begin - start) % (2 if encoding.startswith("utf-16") else 1)
+    lines = [line for block in blocks_of(source, encoding, begin, size) for line in LINE.findall(block)]
+    dropped, truncated, stop = 0, 0, size
+    for line in reversed(lines[begin > start :]):
+        kinds = dialect.kinds(line)
+        has_values = not VALUES.isdisjoint(kinds)
+        if has_values and len(kinds) >= len(layout.columns):
+            return (stop, dropped) if truncated <= MOST_TRUNCATED else (size, 0)
+        truncated += has_values
+        dropped += bool(re.search(r"\w", line))
+        stop -= len(line.encode(encoding, errors="replace"))
+    return size, 0

@@ -3,7 +3,6 @@ other."""
 
 import datetime
 import io
-import re
 import zipfile
 from collections.abc import Iterator, Sequence
 from functools import partial
@@ -13,9 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from piezo_model.recordings.formats.text import tables_of
+from piezo_model.recordings.formats.text import Source, tables_of
 from piezo_model.recordings.table import RecordingError, Table, check_size
-from piezo_model.recordings.text_rows import Source
 
 DAY_US, DAY_0 = 86400e6, np.datetime64("1899-12-30", "us")
 LEAST_COLUMNS = 3
@@ -23,26 +21,18 @@ LEAST_COLUMNS = 3
 MOST_CELLS = 20_000_000
 LARGE, DENSEST = 10_000_000, 30
 """Bytes of a member of a workbook, and its largest plausible compression: numbers are compressed ninefold."""
-STRICT = re.compile(rb"http://purl.oclc.org/ooxml/(\w+)/")
-"""Namespaces of Strict Open XML, which openpyxl knows by the names of the transitional form."""
 
 
 def open_workbook(path: Path, header_row: int | None) -> list[Table]:
     """The tables of all sheets."""
     import openpyxl
 
-    with zipfile.ZipFile(path) as archive, io.BytesIO() as copy:
+    with zipfile.ZipFile(path) as archive, path.open("rb") as file:  # since openpyxl checks the suffix of a name
         if any(member.file_size > max(LARGE, DENSEST * member.compress_size) for member in archive.infolist()):
             raise RecordingError(f"{path}: is compressed far more than a table of numbers is")
         check_size(path, sum(member.file_size for member in archive.infolist()))
-        if STRICT.search(archive.read("xl/workbook.xml")):
-            with zipfile.ZipFile(copy, "w") as written:
-                for member in archive.infolist():
-                    renamed = STRICT.sub(rb"http://schemas.openxmlformats.org/\1/2006/", archive.read(member))
-                    written.writestr(member.filename, renamed)
-        with copy if copy.tell() else path.open("rb") as file:  # since openpyxl checks the suffix of a name
-            book = openpyxl.load_workbook(file, read_only=True, data_only=True)
-            sheets = list(_texts(path, book.worksheets))
+        book = openpyxl.load_workbook(file, read_only=True, data_only=True)
+        sheets = list(_texts(path, book.worksheets))
     tables = [
         table
         for name, text in sheets
@@ -51,7 +41,9 @@ def open_workbook(path: Path, header_row: int | None) -> list[Table]:
         )
     ]
     if not tables:
-        raise RecordingError(f"{path}: is an Excel workbook without rows of numbers")
+        raise RecordingError(
+            f"{path}: is an Excel workbook without rows of numbers, or in Strict Open XML; save it as an ordinary one"
+        )
     return tables
 
 
