@@ -65,7 +65,7 @@ def drop_incomplete_end(rows: Rows) -> None:
     end = min(last_known(rows, *column) for column in columns)
     if end < rows.length:
         rows.repairs.append(f"incomplete rows at the end are left out: {rows.length - end}")
-        rows.select(slice(0, end))
+        rows.select(np.arange(end))
 
 
 def last_known(rows: Rows, label: str, values: Vector, most_missing: float, arrays: bool = False) -> int:

@@ -6,8 +6,9 @@ does not show, and r = 0. With a tolerance τ on every interval and an error e o
 
     |t_{k+s} − t_k − s T| ≤ r + s (τ T + e)
 
-for s = 1, for a stride s of at least two digits r if r hides single intervals, and for half of the times, since r may
-also hide that the rate changes.
+for s = 1, and also for a stride s of at least two digits if r hides single intervals. Since r may also hide that the
+rate changes, one half of the times is compared with the other: there s is half their number, and instead of r stands
+4 r √s, as far as a jitter of one digit accumulates.
 
 T is first estimated by the median of (t_{k+h} − t_k) / h, which is robust to a single gap, and finally by the mean over
 the recording, as the shortest decimal within the rounding. Times may be rounded to decimals, to significant digits, or
@@ -26,6 +27,8 @@ WINDOW = 65536
 """Times at the start, and at the end, from which their rounding is determined."""
 SAME_RATE, MOST_CHANGE = 16, 1.05
 """Intervals from which the sampling rates at start and end are estimated; largest ratio of equal rates."""
+WALK = 4.0
+"""Standard deviations of a random walk of digits, beyond which it is another rate."""
 MOST_DECIMALS = 15
 FEW = 8
 """Fewest times that determine a digit."""
@@ -94,12 +97,13 @@ def sampling(rows: Rows, tolerance: float, even: bool = True) -> float:
     if reach * period >= 2 * resolution:
         error = resolution / reach
         period = float(np.median(head[reach:] - head[:-reach])) / reach or period  # 0 if most are equal
-    strides = {1, min(WINDOW, 2 * math.ceil(resolution / period)) if resolution > period / 2 else 1, n // 2}
+    strides = [1, min(WINDOW, 2 * math.ceil(resolution / period))] if resolution > period / 2 else [1]
     if n > WINDOW:
         later, exact = printed_digit(times[-WINDOW:])  # significant digits are fewer at larger times
         resolution = max(resolution, later if shows or later > digit else exact)
-    for stride in sorted(strides) if even else ():
-        _refuse_uneven(rows, stride, period, resolution + stride * (tolerance * period + error))
+    hidden = [*((stride, resolution) for stride in strides), (n // 2, WALK * resolution * math.sqrt(n // 2))]
+    for stride, least in hidden if even else ():
+        _refuse_uneven(rows, stride, period, least + stride * (tolerance * period + error))
     check_sample_time(f"{rows.path}: {rows.time_label}: ", mean * rows.unit)
     return _shortest(mean * rows.unit, (resolution / (n - 1) + 1e-9 * mean) * rows.unit)
 

@@ -28,8 +28,6 @@ CLOCK = re.compile(
 DOTTED_CLOCK = re.compile(r"^\s*(\d{1,2})\.([0-5]\d)\.([0-5]\d(?:\.\d+)?)\s*$")
 ORDERS = ("%Y-%m-%d", "%d-%m-%Y", "%m-%d-%Y")
 FIELDS = ("first", "second", "third", "fraction", "half", "date", "zone")
-HALVES = (0, 0, 12)
-"""Hours to add for none, AM and PM."""
 SECOND, DAY = 10**9, 86400 * 10**9
 """Durations in nanoseconds."""
 
@@ -75,7 +73,7 @@ def _of_day(chunk: pa.StringArray, dates: dict[str, int], zones: dict[str, int])
     text = {name: pc.fill_null(pc.struct_field(fields, name), "") for name in FIELDS}
     first, second, third = (_integers(text[name]) for name in FIELDS[:3])
     half = _coded(pc.ascii_upper(text["half"]), {"": 0, "AM": 1, "PM": 2})
-    minutes = np.where(half > 0, first % 12 + np.array(HALVES)[half], first) * 60 + second
+    minutes = np.where(half > 0, first % 12 + 12 * (half == 2), first) * 60 + second
     fraction = _integers(pc.utf8_slice_codeunits(pc.utf8_rpad(text["fraction"], 9, "0"), 0, 9))
     nanoseconds = (60 * minutes + np.maximum(third, 0)) * SECOND + fraction
     valid = np.asarray(pc.is_valid(fields))

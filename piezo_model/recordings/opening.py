@@ -69,10 +69,9 @@ def open_table(path: str | Path, named: Mapping[str, str | None], options: ReadO
         for k, table in enumerate(tables, start=1)
     ]
     if options.table is not None:
-        query = options.table.casefold()
-        fits = [int(query) - 1] if query.isdigit() and 0 < int(query) <= len(tables) else []
-        for test in (query.__eq__, lambda title: query in title):
-            fits = fits or [k for k, table in enumerate(tables) if test(table.title.casefold())]
+        query, titles = options.table.casefold(), [table.title.casefold() for table in tables]
+        same = [k for k, title in enumerate(titles) if query in (title, str(k + 1))]
+        fits = same or [k for k, title in enumerate(titles) if query in title]
         question = f"has {len(fits) or 'no'} tables {options.table!r}"
     elif len(tables) > 1:
         fits = []

@@ -90,8 +90,8 @@ class Roles:
     def rises(self) -> dict[int, bool]:
         """Whether the values never fall, of the candidates whose values vary and are not an index."""
         numbers = [k for k in self.candidates if self.table.columns[k].kind == "number"]
-        steps = {k: np.diff(head) for k, head in self.table.heads(numbers).items()}
-        return {k: bool((of >= 0.0).all()) for k, of in steps.items() if of.any() and not (of == 1.0).all()}
+        steps = ((k, np.diff(head)) for k, head in self.table.heads(numbers).items())
+        return {k: bool((of >= 0.0).all()) for k, of in steps if of.any() and not (of == 1.0).all()}
 
     def free(self) -> list[int]:
         """Candidates without a role."""

@@ -2,6 +2,7 @@
 stamps, and restarts or pauses of the times, at which a part begins."""
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
@@ -18,6 +19,8 @@ LEAST_RETURN = 0.5
 """Smallest step back of the times at the end of a part, relative to its duration."""
 LEAST_PAUSE = 10.0
 """Shortest pause between two parts, in sampling periods and in neighbouring steps; a shorter one is a gap."""
+SAME_RATE = 0.02
+"""Largest relative difference of the sampling periods of two parts."""
 WINDOW = 65536
 """Rows from which the usual step is estimated."""
 SAME_VALUES = 0.9
@@ -66,15 +69,13 @@ class Rows:
         """Number of rows."""
         return self.signals[0].size
 
-    def select(self, selection: Index | slice) -> None:
+    def select(self, selection: Index) -> None:
         """Keep some rows, in this order; a part starts at the first of its remaining rows."""
+        where = self.where
+        self.where = lambda row: where(int(selection[row]))
         self.signals = [signal[selection] for signal in self.signals]
-        self.times = self.times[selection]
-        self.uncounted = self.uncounted[selection]
-        if not isinstance(selection, slice):
-            where = self.where
-            self.where = lambda row: where(int(selection[row]))
-            self.starts = np.unique(np.searchsorted(selection, self.starts)).tolist()
+        self.times, self.uncounted = self.times[selection], self.uncounted[selection]
+        self.starts = np.unique(np.searchsorted(selection, self.starts)).tolist()
 
     def replace(self, k: int, bad: Mask | list[int]) -> None:
         """Interpolate bad values of a signal, which then do not count."""
@@ -148,7 +149,8 @@ def begin_parts(rows: Rows, even: bool = True) -> None:
     Raises
     ------
     RecordingError
-        Without ``even``, a gap next to too few rows for a part, which would be interpolated.
+        With ``even``, parts with different sampling rates; otherwise a gap next to too few rows for a part, which would
+        be interpolated.
     """
     times = rows.times
     if rows.length < 2:
@@ -156,15 +158,14 @@ def begin_parts(rows: Rows, even: bool = True) -> None:
     steps = np.diff(times)
     positive = steps[:WINDOW][steps[:WINDOW] > 0.0]
     usual = float(np.median(positive)) if positive.size else 0.0
-    back = np.flatnonzero(steps < 0.0) + 1
-    runs = [0, *back.tolist()]
+    runs = run_starts(times)
     returns = [
         times[at] - times[at - 1] < -LEAST_RETURN * (times[at - 1] - times[a]) and steps[at - 2] <= LEAST_PAUSE * usual
-        for a, at in zip(runs, back, strict=False)
+        for a, at in pairwise(runs)
     ]
-    if back.size and min(np.diff([*runs, rows.length])) >= LEAST_PART and all(returns):
+    if returns and min(np.diff([*runs, rows.length])) >= LEAST_PART and all(returns):
         rows.starts = sorted({*rows.starts, *runs})
-        rows.remarks.append(f"{len(runs)} parts: the times start again in {rows.named(back)}")
+        rows.remarks.append(f"{len(runs)} parts: the times start again in {rows.named(np.array(runs[1:]))}")
     long = np.flatnonzero(steps > LEAST_PAUSE * usual)
     alone = steps[long] > LEAST_PAUSE * np.maximum(steps[long - 1], np.abs(steps[(long + 1) % steps.size]))
     pauses = np.setdiff1d(long[alone] + 1, rows.starts)
@@ -179,11 +180,26 @@ def begin_parts(rows: Rows, even: bool = True) -> None:
         many = "a pause" if pauses.size == 1 else f"{pauses.size} pauses"
         rows.repairs.append(f"{many} in its times, before {rows.named(pauses)}: a new part begins there")
     if later := rows.starts[1:]:
+        if even:
+            _refuse_other_rates(rows)
         first = later[0]
-        period = (times[first - 1] - times[0]) / max(first - 1, 1) if (steps[: first - 1] > 0.0).all() else 0.0
+        period = (times[first - 1] - times[0]) / (first - 1) if (steps[: first - 1] > 0.0).all() else usual
         leap = np.zeros(rows.length)
-        leap[later] = (period or usual) - steps[np.array(later) - 1]
+        leap[later] = period - steps[np.array(later) - 1]
         rows.times = times + np.cumsum(leap)
+
+
+def _refuse_other_rates(rows: Rows) -> None:
+    """Refuse parts whose mean sampling periods differ by more than the rounding of their ends."""
+    starts, ends = np.array(rows.starts), np.array([*rows.starts[1:], rows.length]) - 1
+    steps = np.maximum(ends - starts, 1)
+    means = (rows.times[ends] - rows.times[starts]) / steps
+    other = np.abs(means - means[0]) > (SAME_RATE + 1.0 / steps + 1.0 / steps[0]) * means[0]
+    for k in np.flatnonzero(other)[:1]:
+        raise rows.refusal(
+            f"has two sampling rates: one sample every {means[0]:.6g} in the first part and one every {means[k]:.6g} "
+            f"from {rows.where(int(starts[k]))} on; --resample interpolates to an even clock"
+        )
 
 
 def drop_repeats(rows: Rows) -> bool:

@@ -172,7 +172,7 @@ SPOILED: dict[str, tuple[str, dict[str, Any], str]] = {
     "sweeps at two rates": (
         table(T, X, Y) + table(T * 2, X, Y),
         {},
-        "has two sampling rates: one sample every 0.005 s at its start and one every 0.01 s at its end",
+        "has two sampling rates: one sample every 0.005 in the first part",
     ),
     "a rate that halves midway": (
         table(np.where(T < 5.0, T, 2.0 * T - 5.0), X, Y),

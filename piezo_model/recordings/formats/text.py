@@ -10,6 +10,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -33,13 +34,13 @@ from piezo_model.recordings.layout import (
 )
 from piezo_model.recordings.table import RecordingError, Table, first_line
 
-HEAD_BYTES = 1 << 18
-"""Bytes at the start of a file that determine its format; the header of a text must lie within them."""
+HEAD_BYTES = LONGEST_LINE = 1 << 18
+"""Bytes at the start of a file that determine its format; the header of a text is within them, and no row is longer."""
 SAMPLE_LINES = 1000
 BYTE_ORDER_MARKS = {codecs.BOM_UTF8: "utf-8", codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}
 ENCODINGS = {"utf-8": "", "latin-1": " in Latin-1", "utf-16-le": " in UTF-16", "utf-16-be": " in UTF-16"}
 """Encodings, and how a description names them."""
-BLOCK_BYTES = LONGEST_LINE = 1 << 20
+BLOCK_BYTES = 1 << 20
 LARGEST_BLOCK = 1 << 24
 """Bytes of a block with the rest of the previous one, in UTF-8."""
 TAIL_BYTES, MOST_TRUNCATED = 1 << 16, 2
@@ -248,12 +249,8 @@ def _size(text: str, encoding: str) -> int:
 
 
 def _first_lines(source: Source, encoding: str, begin: int, end: int) -> list[str]:
-    """The first complete lines between two bytes of a file."""
-    blocks = list(blocks_of(source, encoding, begin, min(end, begin + HEAD_BYTES)))
-    lines = LINE.findall("".join(blocks if end <= begin + HEAD_BYTES else blocks[:-1]))
-    if not lines and end > begin + HEAD_BYTES:
-        raise RecordingError(f"{source.path}: row 1 is longer than {HEAD_BYTES} bytes, which no row of a table is")
-    return lines
+    """The first lines between two bytes of a file."""
+    return LINE.findall("".join(islice(blocks_of(source, encoding, begin, end), 2))[:HEAD_BYTES])
 
 
 def _encoding(path: Path, head: bytes) -> tuple[str, int]:
@@ -280,15 +277,14 @@ def blocks_of(source: Source, encoding: str, start: int, stop: int) -> Iterator[
     with source.open() as file:
         file.seek(start)
         while data := file.read(min(BLOCK_BYTES, stop - file.tell())):
-            rest += decoder.decode(data)
-            cut = rest.rfind("\n") + 1 or rest.rfind("\r") + 1
-            if cut:
-                yield rest[:cut]
-                rest = rest[cut:]
-            elif len(rest) > LONGEST_LINE:
+            text = rest + decoder.decode(data)
+            cut = text.rfind("\n") + 1 or text.rfind("\r") + 1
+            if not cut and len(text) > LONGEST_LINE:
                 raise RecordingError(
                     f"{source.path}: a line is longer than {LONGEST_LINE} characters, the limit for a row"
                 )
+            yield text[:cut]
+            rest = text[cut:]
     yield rest
 
 
