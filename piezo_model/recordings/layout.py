@@ -26,10 +26,12 @@ SEPARATORS: Mapping[str, str] = {
     ",": "commas",
     "|": "bars",
     " ": "blanks",
+    ", ": "commas with blanks",
 }
-"""Separators in the order of preference, and their names; " " means any run of blanks and tabs, which is replaced by a
-tab for Arrow."""
-BLANKS = re.compile(r"[ \t]+")
+"""Separators in the order of preference, and their names; " " means any run of blanks and tabs, and ", " a comma
+followed by blanks, as multimeters write with decimal commas."""
+RUNS = {" ": re.compile(r"[ \t]+"), ", ": re.compile(", +")}
+"""Separators that Arrow does not know, and that are replaced by tabs."""
 COMMENT_MARKS = ("#", "%", "//", ";", "!", "**")
 COMMENT = re.compile(rf"\s*(?:{'|'.join(map(re.escape, COMMENT_MARKS))})+\s*")
 MISSING = ("", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---", "#value!", "missing")
@@ -76,8 +78,8 @@ class Dialect:
     def split(self, line: str) -> list[str]:
         """Cells of a line."""
         line = line.rstrip("\r\n")
-        if self.separator == " ":
-            return BLANKS.split(line.strip())
+        if self.separator in RUNS:
+            return RUNS[self.separator].split(line.strip())
         return [cell.strip() for cell in cells_of(line.strip(" "), self.separator)]
 
     def is_comment(self, line: str) -> bool:
@@ -108,6 +110,9 @@ def cells_of(line: str, separator: str) -> list[str]:
         return next(csv.reader([line], delimiter=separator), [])
     except csv.Error:
         return [line]
+
+
+SPACED = Dialect(", ", ",")
 
 
 @dataclass(frozen=True)
@@ -207,12 +212,17 @@ def layout_of(
     first = header_row or first
     quoted = any('"' in line for line in lines)
     lines, stated = _without_settings(lines)
-    dialects = [
-        Dialect(separator, mark)
-        for separator in SEPARATORS
-        for mark in ([decimal] if decimal else ".,")
-        if quoted or (separator, mark) != (",", ",")
-    ]
+    spaced = decimal != "." and not quoted and _has_spaced_commas(lines[first:])
+    dialects = (
+        [SPACED]
+        if spaced
+        else [
+            Dialect(separator, mark)
+            for separator in SEPARATORS
+            for mark in ([decimal] if decimal else ".,")
+            if separator != SPACED.separator and (quoted or (separator, mark) != (",", ","))
+        ]
+    )
     score, dialect, rows = max(
         (_score(candidate, lines, first) for candidate in dialects), key=lambda scored: scored[0]
     )
@@ -242,6 +252,20 @@ def layout_of(
         frozenset(as_remark(line) for line in lines[max(0, start - REMARKS) : start] if "text" in dialect.kinds(line)),
         glued,
         quoted,
+    )
+
+
+def _has_spaced_commas(lines: Sequence[str]) -> bool:
+    """True if commas before blanks separate cells and all others are decimal marks, unless a header has as many names
+    as there are cells between commas of any kind."""
+    rows = [line.strip() for line in lines if re.search(r"\d,\d", line)]
+    widths = {len(line.split(",")) for line in lines if "," in line and line.strip() not in rows}
+    cells = [cell for row in rows for cell in SPACED.split(row)]
+    return (
+        2 * len(rows) > len(lines)
+        and all(", " in row and len(row.split(",")) not in widths for row in rows)
+        and all(SPACED.kind(cell) == "number" for cell in cells if "," in cell)
+        and not any(re.fullmatch(r"[+-]?\d*\.\d+", cell) for cell in cells)
     )
 
 

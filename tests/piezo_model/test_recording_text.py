@@ -77,6 +77,10 @@ FILES: dict[str, tuple[bytes | str, dict]] = {
     "decimal comma": (f"time_s;voltage_V;height_um\n{rows('{t};{x};{y}', decimal=',')}", {}),
     "decimal comma and tabs": (HEADER.replace(",", "\t") + rows("{t}\t{x}\t{y}", decimal=","), {}),
     "decimal comma and blanks": (f"time voltage height\n{rows('{t}   {x} {y}', decimal=',')}", {}),
+    "decimal commas between commas": (
+        f"Time, Drive, Unit, Value, Unit\n{rows('{t}, {x}, V, {y}, um', decimal=',')}",
+        {},
+    ),
     "oscilloscope's increment": (
         f"X,Drive,CH2,Start,Increment,\nSequence,Volt,Volt,-6e-2,{1 / RATE:.9e},\n{rows('{i},{x},{y},,,')}",
         {"output": "CH2"},

@@ -20,10 +20,10 @@ import pyarrow.csv as arrow_csv
 from piezo_model.recordings.clock_cells import times
 from piezo_model.recordings.formats.arrow import array_of
 from piezo_model.recordings.layout import (
-    BLANKS,
     COMMENT_MARKS,
     LINE,
     NULLS,
+    RUNS,
     SEPARATORS,
     VALUES,
     Layout,
@@ -86,7 +86,7 @@ class TextRows:
         options = (
             arrow_csv.ReadOptions(use_threads=False, column_names=keys, block_size=LARGEST_BLOCK),
             arrow_csv.ParseOptions(
-                delimiter="\t" if dialect.separator == " " else dialect.separator,
+                delimiter="\t" if dialect.separator in RUNS else dialect.separator,
                 quote_char='"' if layout.quoted else False,
             ),
             arrow_csv.ConvertOptions(
@@ -170,8 +170,8 @@ class TextRows:
         """The rows of a block in the syntax of Arrow."""
         if not self._is_plain(block):
             block = "".join(filter(self._is_row, LINE.findall(block)))
-        if self.layout.dialect.separator == " ":
-            block = BLANKS.sub("\t", MARGINS.sub("", block))
+        if run := RUNS.get(self.layout.dialect.separator):
+            block = run.sub("\t", MARGINS.sub("", block))
         return block.encode()
 
 
