@@ -4,10 +4,11 @@ At a single drive frequency, creep and hysteresis produce the same loops, so a f
 model with creep is then wrong at every other speed. Creep is therefore tested against *any* rate-independent operator:
 a regression of the output on piecewise linear functions of plays,
 
-    y = Σ_i f_i(H_ri [x]) + c + d t,   r_i = i / 11,   with knots over the range of each play,
+    y = Σ_i f_i(H_ri [x]) + c + d t − τ dŷ/dt,   r_i = i / 11,   with knots over the range of each play,
 
-by its residuals of y and of the creep states z_a, for one rate a per decade. A rate is admissible if the residual is at
-least INFORMATION of its state. At a single frequency that residual is the settling of a state that began at rest, which
+where ŷ is the output of the first fit, since fast creep looks like a lag τ of a smooth output. It is judged by the
+residuals of y and of the creep states z_a, for one rate a per decade. A rate is admissible if the residual is at least
+INFORMATION of its state. At a single frequency that residual is the settling of a state that began at rest, which
 looks like a drift, or like creep from before the recording. So the drive determines creep only if DRIVEN of a state
 also remains next to a drift and decays exp(−a t), as after a held step, or with two speeds a factor of a hundred apart.
 The creep of all admissible rates, κ Σ_a z_a with 0 ≤ κ ≤ LARGEST, is in the data if it explains most of what the
@@ -305,16 +306,18 @@ def _columns(
     s, count = fit.structure, max(1, int(PLAYS * richness))
     r, columns = np.arange(count + 1) / (count + 1), []
     plays, states = np.empty((at.size, r.size)), np.empty((at.size, len(rates)))
-    decays = np.zeros((at.size, len(recording.starts), len(rates)))
+    decays, change = np.zeros((at.size, len(recording.starts), len(rates))), np.empty(at.size)
     for i, (part, start) in enumerate(zip(recording.parts, fit.states, strict=True)):
         inside = (at >= part.start) & (at < part.stop)
         columns.append(inside.astype(np.float64))
         x, rows = s.unit_input(recording.x[part]), at[inside] - part.start
+        change[inside] = np.diff(fit.y_model[part], prepend=fit.y_model[part][:1])[rows]
         for j, before in enumerate(np.interp(r, s.thresholds, start.play[: s.n + 1])):  # one at a time, to save memory
             plays[inside, j] = play(x, r[j : j + 1], [before])[0][rows, 0]
         decays[inside, i] = np.exp(-np.outer(rows * s.sample_time, rates))
         for j, rate in enumerate(rates):
             states[inside, j] = creep(x, [0.0], [rate], s.sample_time, x[:1])[0][rows, 0]
+    columns.append(change)
     for j, z in enumerate(plays.T):
         low, high = float(z.min()), float(z.max())
         if high - low > STILL:

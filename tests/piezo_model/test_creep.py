@@ -5,7 +5,7 @@ import pytest
 from plain_stage import Vector, stage
 from scipy.signal import sawtooth
 
-from piezo_model import HysteresisCreepModel, ModelStructure, Recording, identify, plants
+from piezo_model import Dynamics, HysteresisCreepModel, ModelStructure, Recording, identify, plants
 from piezo_model.identification.creep import ABSENT, INDISTINCT, UNDETERMINED
 from piezo_model.signals import multi_sine
 
@@ -104,6 +104,14 @@ def test_creep_of_one_frequency_is_not_called_a_drift_and_no_part_of_the_model(b
     assert model.structure.creep_rates == ()
     assert model.report["drift"] is None
     assert UNDETERMINED in model.report["findings"]
+
+
+@pytest.mark.parametrize("kind", ["dense_prandtl_ishlinskii", "relay_preisach"])
+def test_a_lag_of_a_smooth_output_is_not_taken_for_creep(kind: str) -> None:
+    u = 5.0 - 2.5 * np.cos(0.4 * np.pi * TIME) * (1.0 + 0.5 * np.sin(TIME / 5))
+    y = plants.get(kind, sample_time=SAMPLE_TIME, x_range=(0.0, 10.0), creep_share=0.0).run(u)
+    late = Dynamics((), (), (), 2.0 * SAMPLE_TIME).filter(y, SAMPLE_TIME)
+    assert not identify(recorded(u, late, 1e-4 * float(np.ptp(y)))).structure.creep_rates
 
 
 def test_given_rates_are_used_and_said_to_be_a_guess_where_the_recording_determines_no_creep() -> None:
