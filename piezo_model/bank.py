@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from piezo_model import checks
 from piezo_model.compensator import blend_factor, drive_memory, drive_settings
-from piezo_model.core import State, Stateful, bindings
+from piezo_model.core import State, Stateful, bindings, exclusively
 from piezo_model.dynamics import Dynamics, KnownDynamics
 from piezo_model.json_file import LARGEST, convert
 from piezo_model.learning.learner_file import read_learner, write_learner
@@ -135,6 +135,7 @@ class CompensatorBank(Stateful):
         """Samples from one optimum of an actuator to the next."""
         self._pool: ThreadPoolExecutor | None = None
         self._tiles = 0
+        self._allocate(-(-count // LANES))
         self._place(np.empty(0, np.int64))
         self.add(count, x_limits, learn, x_start)
 
@@ -181,6 +182,7 @@ class CompensatorBank(Stateful):
     def __len__(self) -> int:
         return self._slots.size
 
+    @exclusively
     def add(
         self,
         count: int,
@@ -221,6 +223,7 @@ class CompensatorBank(Stateful):
         self._view("memory")[lanes(new, 0)] = learn
         self.set_model(np.arange(total - count, total), self._line)
 
+    @exclusively
     def remove(self, which: ArrayLike) -> None:
         """Remove actuators by their numbers; the later ones move up and are otherwise unchanged."""
         which = self._numbered(which)
@@ -228,6 +231,7 @@ class CompensatorBank(Stateful):
         self._place(np.delete(self._slots, which))
         self._known = np.delete(self._known, which)
 
+    @exclusively
     def set_model(self, actuator: ArrayLike, model: HysteresisCreepModel) -> None:
         """Set the model of actuators, of the bank's structure; they learn from there, and their drives jump."""
         checks.instance(HysteresisCreepModel, model=model)
@@ -276,6 +280,7 @@ class CompensatorBank(Stateful):
         return flags
 
     @learning.setter
+    @exclusively
     def learning(self, which: ArrayLike) -> None:
         checks.flags(len(self), learning=which)
         self._view("memory")[lanes(self._slots, 0)] = which
@@ -317,6 +322,7 @@ class CompensatorBank(Stateful):
         """
         return self.run(reals("y_ref", y_ref)[None], reals("y_measured_before", y_measured_before)[None])[0]
 
+    @exclusively
     def run(self, y_ref: ArrayLike, y_measured_before: ArrayLike | None = None) -> Matrix:
         """Return the drives (N, count) of ``step`` for rows of references and outputs, to the last bit; without outputs
         nothing is learned."""
@@ -333,18 +339,18 @@ class CompensatorBank(Stateful):
             first, last = (self._tiles * end // self.threads for end in (i, i + 1))
             bindings.bank_run(self._core.block, y_ref, y, x, self._workspaces[i].block, first, last)
 
-        with self._core.exclusive():
-            if self.threads > 1:
-                self._pool = self._pool or ThreadPoolExecutor(self.threads - 1)
-            others = [self._pool.submit(share, i) for i in range(1, self.threads)] if self._pool else []
-            share(0)
-            for other in others:
-                other.result()
+        if self.threads > 1:
+            self._pool = self._pool or ThreadPoolExecutor(self.threads - 1)
+        others = [self._pool.submit(share, i) for i in range(1, self.threads)] if self._pool else []
+        share(0)
+        for other in others:
+            other.result()
         return x if self._in_order else x[:, self._slots]
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_pool": None}  # a copy starts threads of its own
 
+    @exclusively
     def get_state(self) -> dict[str, Any]:
         """A copy of the whole state, without the settings."""
         return {
@@ -353,6 +359,7 @@ class CompensatorBank(Stateful):
             "dynamics": [asdict(known) for known in self._known],
         }
 
+    @exclusively
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue, to the last bit, from the :meth:`get_state` of a bank of the same settings and number of tiles."""
         saved, most = convert(state, BankState), self._tiles * LANES
@@ -387,6 +394,7 @@ class CompensatorBank(Stateful):
     @classmethod
     def load(cls, path: str | Path, threads: int = 1) -> Self:
         """Continue, to the last bit, from a file of :meth:`save`; ModelError names what is wrong with it."""
+        checks.whole(1, threads=threads)
         fields, state = read_learner(path)
         with checks.refusing(ModelError, f"{path}: does not hold a whole bank: "):
             saved = convert(fields, BankSettings)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from piezo_model import checks
-from piezo_model.core import Stateful, bindings
+from piezo_model.core import Stateful, bindings, exclusively
 from piezo_model.identification_problem import Excitation, IdentificationProblem
 from piezo_model.operator_state import OperatorState
 from piezo_model.regressors import full_gram, new_basis
@@ -71,6 +71,7 @@ class DataBasis(Stateful):
         """Number of counted samples."""
         return int(self._core.as_int64("counts")[1])
 
+    @exclusively
     def update(self, x: ArrayLike, y: ArrayLike, count: bool = True) -> None:
         """Add the next samples.
 
@@ -92,17 +93,16 @@ class DataBasis(Stateful):
         checks.finite_arrays(x=x, y=np.where(np.isnan(y), 0.0, y))
         x, y = s.unit_input(x), s.unit_output(y) if count else np.full(y.size, np.nan)
         known = ~np.isnan(y)
-        with self._core.exclusive():
-            if known.any() and self.samples == 0:
-                first = int(np.argmax(known))
-                bindings.basis_update(self._core.block, x[:first], y[:first])
-                x, y, known, r, state = x[first:], y[first:], known[first:], self._core["r"], self.state
-                first_play = np.maximum(x[0] - r, np.minimum(x[0] + r, state.play))
-                self._start = OperatorState(first_play, state.creep.copy())
-            low, high = self._span[::2], self._span[1::2]
-            self._span[::2] = np.minimum(low, (x[known].min(initial=np.inf), y[known].min(initial=np.inf)))
-            self._span[1::2] = np.maximum(high, (x[known].max(initial=-np.inf), y[known].max(initial=-np.inf)))
-            bindings.basis_update(self._core.block, x, y)
+        if known.any() and self.samples == 0:
+            first = int(np.argmax(known))
+            bindings.basis_update(self._core.block, x[:first], y[:first])
+            x, y, known, r, state = x[first:], y[first:], known[first:], self._core["r"], self.state
+            first_play = np.maximum(x[0] - r, np.minimum(x[0] + r, state.play))
+            self._start = OperatorState(first_play, state.creep.copy())
+        low, high = self._span[::2], self._span[1::2]
+        self._span[::2] = np.minimum(low, (x[known].min(initial=np.inf), y[known].min(initial=np.inf)))
+        self._span[1::2] = np.maximum(high, (x[known].max(initial=-np.inf), y[known].max(initial=-np.inf)))
+        bindings.basis_update(self._core.block, x, y)
 
     def _mean_gram(self) -> Matrix:
         if self.samples == 0:

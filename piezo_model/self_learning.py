@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from piezo_model import checks, json_file
 from piezo_model.compensator import Compensator, CompensatorState
-from piezo_model.core import bindings
+from piezo_model.core import bindings, exclusively
 from piezo_model.json_file import Number
 from piezo_model.learning.driven_range import DrivenRange
 from piezo_model.learning.events import BlockEvent, Event, Phase, Verdict
@@ -184,10 +184,10 @@ class SelfLearningCompensator(Learner):
         self._last_x: float | None = None
 
     @property
+    @exclusively
     def compensator(self) -> Compensator:
         """The compensator as it is now, a copy: only the learner changes its own, which it learns from."""
-        with self._core.exclusive():
-            return copy.deepcopy(self._compensator)
+        return copy.deepcopy(self._compensator)
 
     @property
     def mode(self) -> Mode:
@@ -270,6 +270,7 @@ class SelfLearningCompensator(Learner):
             done = chunk.stop
         return x, y
 
+    @exclusively
     def drive(self, y_ref: ArrayLike) -> Vector:
         """Drives (N,) for references (N,), at most `samples_until_change` of them, once the last drive is observed;
         ``observe`` must follow."""
@@ -279,8 +280,7 @@ class SelfLearningCompensator(Learner):
                 "drive takes at most samples_until_change() references, and none before the last drive is observed"
             )
         x = np.empty_like(y_ref)
-        with self._core.exclusive():
-            bindings.learner_drive(self._core.block, self._compensator.block, y_ref, x)
+        bindings.learner_drive(self._core.block, self._compensator.block, y_ref, x)
         return x
 
     def observe(self, x: ArrayLike, y: ArrayLike) -> None:
@@ -309,21 +309,20 @@ class SelfLearningCompensator(Learner):
         self._last_x = float(x[-1]) if x.size else self._last_x
         return x
 
+    @exclusively
     def get_state(self) -> dict[str, Any]:
         """A copy of the whole state, without the settings."""
-        with self._core.exclusive():
-            return {
-                "compensator": self._compensator.get_state(),
-                "learning": {"core": self._core.block.copy(), "driven": asdict(self._driven)},
-                "last_x": self._last_x,
-                "log": [asdict(event) for event in self.log],
-            }
+        return {
+            "compensator": self._compensator.get_state(),
+            "learning": {"core": self._core.block.copy(), "driven": asdict(self._driven)},
+            "last_x": self._last_x,
+            "log": [asdict(event) for event in self.log],
+        }
 
+    @exclusively
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue, to the last bit, from the :meth:`get_state` of a compensator of the same settings."""
-        resumed = self._resumed(self.settings, state)
-        with self._core.exclusive():
-            vars(self).update(vars(resumed))
+        vars(self).update(vars(self._resumed(self.settings, state)))
 
     def save(self, path: str | Path) -> None:
         """Write settings and state as JSON, at any time; the file is replaced as a whole."""
@@ -357,12 +356,12 @@ class SelfLearningCompensator(Learner):
         learner.problem = learner._gathered() if learner._cyclic and learner.phase is Phase.LEARN else None
         return learner
 
+    @exclusively
     def _until_done(self, samples: int, call: Callable[[int, NDArray[np.int64]], int], observed: bool = False) -> None:
         """Process samples by a function of the core that takes the number of the first one, stops at events, and
         returns the number of samples done. A sample that is ``observed``, or had events, is to be driven only."""
         done, events = 0, np.full(1, observed, dtype=np.int64)
-        with self._core.exclusive():
-            while done < samples:
-                done = call(done, events)
-                if events[0]:
-                    self._follow(BlockEvent(int(events[0])))
+        while done < samples:
+            done = call(done, events)
+            if events[0]:
+                self._follow(BlockEvent(int(events[0])))

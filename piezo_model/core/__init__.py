@@ -4,12 +4,13 @@ The headers of this folder document the functions, ``solvers/core/README.md`` ho
 """
 
 import copy
+import functools
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +38,7 @@ class State:
         self.block = solvers.core.block(size)
         self.offsets = setup(self.block)
         self._views = solvers.core.field_views(self.block, self.offsets)
-        self._in_use = threading.Lock()
+        self._in_use = threading.RLock()
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
         return self._views[name]
@@ -80,6 +81,20 @@ def _copied(data: bytes, offsets: Mapping[str, tuple[int, int]]) -> State:
         return offsets
 
     return State(len(data), fill)
+
+
+Method = TypeVar("Method", bound=Callable[..., Any])
+
+
+def exclusively(method: Method) -> Method:
+    """A method during which a second thread is refused, by the state ``_core`` of the object."""
+
+    @functools.wraps(method)
+    def alone(self: Any, *args: Any, **kwargs: Any) -> Any:
+        with self._core.exclusive():
+            return method(self, *args, **kwargs)
+
+    return cast(Method, alone)
 
 
 class Stateful:

@@ -4,6 +4,7 @@ shared; whatever is saved can be loaded, and what a file cannot hold is refused 
 import copy
 import pickle
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -150,10 +151,27 @@ def test_a_copied_bank_has_settings_of_its_own(way: str) -> None:
     np.testing.assert_array_equal(bank.weights, CompensatorBank(STRUCTURE, 19).weights)
 
 
-def test_an_object_in_use_by_another_thread_is_not_copied() -> None:
+IN_USE: dict[str, Callable[[CompensatorBank], object]] = {
+    "copied": copy.copy,
+    "run": lambda bank: bank.run(np.zeros((1, 8))),
+    "made longer": lambda bank: bank.add(1),
+    "made shorter": lambda bank: bank.remove(0),
+    "given a model": lambda bank: bank.set_model(0, MODEL),
+    "switched off": lambda bank: setattr(bank, "learning", False),
+    "saved": CompensatorBank.get_state,
+    "restored": lambda bank: bank.restore(CompensatorBank(STRUCTURE, 8).get_state()),
+}
+
+
+@pytest.mark.parametrize("how", IN_USE)
+def test_a_bank_in_use_by_another_thread_is_not(how: str) -> None:
     bank = CompensatorBank(STRUCTURE, 8)
-    with bank._core.exclusive(), pytest.raises(RuntimeError, match="in use by another thread"):
-        copy.copy(bank)
+    before = bank.get_state()
+    with bank._core.exclusive(), ThreadPoolExecutor(1) as other:
+        refused = other.submit(IN_USE[how], bank).exception()
+    assert isinstance(refused, RuntimeError)
+    assert "in use by another thread" in str(refused)
+    np.testing.assert_array_equal(bank.get_state()["core"], before["core"])
 
 
 STATES = OperatorState.settled_at(STRUCTURE, 75.0)
