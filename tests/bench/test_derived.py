@@ -282,10 +282,10 @@ def test_times_are_those_of_the_host_with_most_rows_and_settings_are_judged_by_a
         [
             *ladder({"p1": [1e-8, 1e-12], "p2": [1e-8, 1e-12]}, host="here", solve_us_p50=1.0),
             *ladder({"p1": [1e-5, 1e-12]}, host="there", solve_us_p50=50.0),
-            row(solver="null", host="there"),
+            row(solver="null", host="there", period_us=5000.0),
         ]
     )
-    assert found.host == "here"
+    assert (found.host, found.shortest_period_us) == ("here", 125.0)
     assert set(found.rows.host) == {"here"}
     assert (found.lanes.solve_us_p50 == 1.0).all()
     assert found.settings.set_index("tier").setting[Tier.MID] == "s1"

@@ -3,10 +3,8 @@
 import os
 import subprocess
 import sys
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import plain_model
@@ -163,24 +161,6 @@ def test_the_weights_of_a_bank_of_one_are_those_of_plain_numpy_that_solves_at_th
     assert int(bank.counts["hand_overs"][0]) > 5
     for ours, plain in zip(weights, found[: len(weights)], strict=True):
         np.testing.assert_allclose(ours, STRUCTURE.slope_map @ plain, rtol=0, atol=1e-6)
-
-
-@pytest.mark.parametrize("dynamics", [None, STAGE])
-def test_a_single_compensator_is_a_bank_of_one_to_the_last_bit(dynamics: Dynamics | None) -> None:
-    model = replace(HysteresisCreepModel.from_weights(STRUCTURE, STRUCTURE.straight_line), dynamics=dynamics)
-    options: dict[str, Any] = {"hand_over_s": 0.1, "integral_gain": 5.0, "rate_limit": 3e4, "x_start": 20.0}
-    single = SelfLearningCompensator(STRUCTURE, mode="continuous", model=model, **options)
-    bank, plant, before = CompensatorBank(STRUCTURE, 1, dynamics=dynamics, **options), Actuators(1), np.nan
-    for k, y_ref in enumerate(references(2400, 1)[:, 0].tolist()):
-        x = bank.step([y_ref], [before])
-        assert single.step(y_ref, before) == x[0]
-        before = np.nan if k % 700 == 0 else plant(x)[0] + 8.0 * (1200 < k < 1300)
-    np.testing.assert_array_equal(bank.weights[0], single.model.all_weights)
-    assert {name: count[0] for name, count in bank.counts.items()} == {
-        name: single._memory[name] for name in bank.counts
-    }
-    assert bank.counts["hand_overs"] > 5
-    assert bank.counts["faults"] > 0
 
 
 def tile_samples(bank: CompensatorBank) -> NDArray[np.int64]:

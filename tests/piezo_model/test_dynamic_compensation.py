@@ -3,8 +3,6 @@ banks learn the static part."""
 
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
-from typing import Any
 from unittest.mock import patch
 
 import numpy as np
@@ -249,38 +247,6 @@ def test_cyclic_operation_needs_no_subtraction_at_noise_of_a_hundredth_of_the_ra
     assert learned(learner, 50.0, 0.4, seconds=5.5) < 4.0 * best_percent()
 
 
-WIDE = ModelStructure.equidistant(5, 3, (0.0, 450.0), (-20.0, 100.0), (100.0, 10.0), T, offset=True)
-
-
-@pytest.mark.parametrize(
-    ("structure", "options", "happened"),
-    [
-        (S, {"mode": "continuous"}, "hand-over"),
-        (S, {"mode": "cyclic"}, "hand-over"),
-        (WIDE, {"mode": "cyclic", "reset_s": 0.02, "build_s": 0.08, "learn_s": 0.02, "adapt_range": True}, "range"),
-    ],
-    ids=["continuous", "cyclic", "following the drive"],
-)
-def test_step_run_replay_and_a_saved_learner_give_the_same_bits(
-    structure: ModelStructure, options: dict[str, Any], happened: str, tmp_path: Path
-) -> None:
-    options = {"integral_gain": 300.0, "rate_limit": 5e4, "build_s": 0.2, "learn_s": 0.1, **options}
-    by_step, by_replay, saved = (learner_of(ONE, structure, **options) for _ in range(3))
-    reference, plant, drives, outputs = scan(50.0, 0.9), stage(), [], [np.nan]
-    for y_ref in reference.tolist():
-        drives.append(by_step.step(y_ref, outputs[-1]))
-        outputs.append(plant.step(drives[-1]))
-    np.testing.assert_array_equal(by_replay.replay(reference, np.array(outputs[:-1])), drives)
-    first = saved.run(reference[:4567], stage().run)[0]
-    plant = stage()
-    plant.run(first)
-    saved.save(tmp_path / "learner.json")
-    rest = SelfLearningCompensator.load(tmp_path / "learner.json").run(reference[4567:], plant.run)[0]
-    np.testing.assert_array_equal(np.concatenate([first, rest]), drives)
-    assert happened in [event.what for event in by_step.log]
-    assert by_step.model.dynamics == ONE
-
-
 def test_a_restored_bank_and_learner_compute_with_the_dynamics_that_they_state() -> None:
     other = replace(ONE, frequencies_Hz=(510.0,), damping=(0.02,))
     reference = scan(30.0, 0.5)
@@ -311,14 +277,3 @@ def test_a_restored_bank_and_learner_compute_with_the_dynamics_that_they_state()
     ):
         with pytest.raises(ValueError, match=why):
             one.restore(wrong)
-
-
-def test_a_bank_refuses_dynamics_for_which_it_has_no_room() -> None:
-    bank = CompensatorBank(S, 2, dynamics=ONE)
-    for dynamics, why in (
-        (None, "; the model has none"),
-        (replace(ONE, delay_s=0.1), ""),
-        (Dynamics((), (), (), 0.0), ""),
-    ):
-        with pytest.raises(ValueError, match=f"the bank has room for 1 modes and the lag of its own{why}"):
-            bank.set_model(0, replace(LINE, dynamics=dynamics))

@@ -19,7 +19,7 @@ from faulty_sensor import FaultySensor, rms_percent, spoiled, steps
 from learning_loops import MODES, NOISE, WAYS, T, error_of, learner_for, sensor, structure_for
 from qpsolvers import Problem
 
-from piezo_model import CompensatorBank, OperatorState, SelfLearningCompensator
+from piezo_model import CompensatorBank, Dynamics, OperatorState, SelfLearningCompensator, plants
 from piezo_model.learning.events import Phase
 from piezo_model.learning.learner_file import read_learner, write_learner
 from piezo_model.learning.solving import solved
@@ -30,13 +30,11 @@ from solvers.registry import Entry
 RATE_LIMIT = 2e4
 
 
-def recorded(mode: str, solver: str, seconds: float = 12.0) -> tuple[np.ndarray, np.ndarray]:
+def recorded(mode: str, solver: str = "box_active_set", seconds: float = 12.0) -> tuple[np.ndarray, np.ndarray]:
     """References, and the outputs measured before them, of a session with a gap and a jump."""
     plant = sensor()
     y_ref = steps(plant, seconds)
-    y = learner_for(plant, mode, solver, offset=mode == "continuous", build_s=2.0, solve_delay_samples=200).run(
-        y_ref, plant.run
-    )[1]
+    y = fresh(mode, solver).run(y_ref, plant.run)[1]
     before = np.concatenate([[np.nan], y[:-1]])
     before[1000:1010] = np.nan
     before[6000:6080] += 15.0
@@ -59,18 +57,32 @@ def narrow(mode: str) -> SelfLearningCompensator:
     one = sensor()
     true = structure_for(one)
     half = replace(true, x_scale=0.5 * true.x_scale, y_scale=0.5 * true.y_scale)
-    return SelfLearningCompensator(half, 0.1, 2.0, 0.2, "box_active_set", one.x_range, mode, hand_over_s=0.02)
+    return SelfLearningCompensator(half, 0.1, 2.0, 0.2, "box_active_set", one.x_range, mode, solve_delay_samples=200)
 
 
-@pytest.mark.parametrize(
+RINGS = Dynamics((60.0,), (0.02,), (0.9,), 1.5 * T)
+
+
+def ringing(mode: str) -> SelfLearningCompensator:
+    """A learner of a stage with a resonance, whose range it follows."""
+    s = structure_for(sensor())
+    line = replace(HysteresisCreepModel.from_weights(s, s.straight_line), dynamics=RINGS)
+    options: dict[str, Any] = {"rate_limit": RATE_LIMIT, "integral_gain": 5.0, "model": line, "adapt_range": True}
+    return learner_for(sensor(), mode, build_s=2.0, solve_delay_samples=200, **options)
+
+
+each_learner = pytest.mark.parametrize(
     ("make", "options"),
-    [*((fresh, options) for options in WAYS), *((narrow, (mode,)) for mode in MODES)],
+    [*((fresh, options) for options in WAYS), *((make, (mode,)) for make in (narrow, ringing) for mode in MODES)],
     ids=lambda value: "-".join(value) if isinstance(value, tuple) else value.__name__,
 )
+
+
+@each_learner
 def test_runs_and_replays_equal_single_steps_bit_for_bit(
     make: Callable[..., SelfLearningCompensator], options: tuple[str, ...]
 ) -> None:
-    one, two = sensor(), sensor()
+    one, two = (plants.Flexure(sensor(), RINGS) if make is ringing else sensor() for _ in range(2))
     y_ref, stepped, before = steps(one, 8.0), make(*options), [math.nan]
     y_ref[3000:3020] = np.nan
     for y in y_ref.tolist():
@@ -79,6 +91,7 @@ def test_runs_and_replays_equal_single_steps_bit_for_bit(
     np.testing.assert_array_equal(y, before[1:])
     np.testing.assert_array_equal(x, make(*options).replay(y_ref, np.array(before[:-1])))
     assert {"hand-over", *(["range"] if make is narrow else [])} <= {event.what for event in stepped.log}
+    assert (stepped.model.dynamics == RINGS) == (make is ringing)
 
 
 @pytest.mark.parametrize("integral_gain", [0.0, 20.0])
@@ -126,12 +139,12 @@ def test_equal_learners_have_the_same_bytes_regardless_of_earlier_computations()
     assert len(states) == 1
 
 
-@pytest.mark.parametrize(("mode", "solver"), WAYS)
+@each_learner
 def test_a_replay_of_faults_equals_single_steps_bit_for_bit_and_goes_on_so_when_saved_in_the_middle_of_any_phase(
-    mode: str, solver: str, tmp_path: Path
+    make: Callable[..., SelfLearningCompensator], options: tuple[str, ...], tmp_path: Path
 ) -> None:
-    y_ref, before = recorded(mode, solver)
-    whole, one, parts, phases = fresh(mode, solver), fresh(mode, solver), [], set()
+    y_ref, before = recorded(*options)
+    whole, one, parts, phases = make(*options), make(*options), [], set()
     x = [whole.step(*pair) for pair in zip(y_ref.tolist(), before.tolist(), strict=True)]
     cuts = [0, 50, 1005, 1500, 1850, 2090, 2200, 2300, 5000, 6010, 6050, 6100, 8000, y_ref.size]
     for start, stop in pairwise(cuts):
