@@ -1,21 +1,30 @@
 """The README, the pages in docs/ and the docstrings match the program: their examples run, and their words, figures and
-tables are compared with it."""
+tables are compared with it. Fenced blocks of a page:
 
+```sh        commands, each a process that must succeed; ``sh fails``: each must be refused
+```python    executed, all blocks of a page in one namespace; ``python title="x.py"``: written to that file instead
+```text      expected output of the block before
+"""
+
+import contextlib
 import doctest
 import importlib
+import io
+import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
-import documents
 import numpy as np
 import pytest
 import typer
-from command_line import CommandLine
-from programs import library
+from command_line import CommandLine, Finished
+from programs import library, program
 
 from bench.cli.app import command_line
 from bench.derived.measurements import Measurements
@@ -27,6 +36,8 @@ from bench.report.words import joined, marked, number, rounded
 from bench.store import Run
 from piezo_model import ModelStructure, SelfLearningCompensator, plants
 from piezo_model.learning.events import Phase
+from piezo_model.recordings import write_table
+from piezo_model.signals import decaying_triangle, multi_sine
 from solvers import Lane
 
 ROOT = Path(__file__).parent.parent
@@ -50,11 +61,81 @@ STRUCTURE = ModelStructure.equidistant(
 Steps = set[tuple[str, str]]
 
 
+@dataclass(frozen=True)
+class Block:
+    """A fenced block: its language, the rest of the fence's line, and its text."""
+
+    language: str
+    rest: str
+    text: str
+
+
+def blocks(page: Path) -> Iterator[Block]:
+    """Blocks of a page in order; those in a list are indented."""
+    for found in re.finditer(
+        r"^( *)```(\w+) *(.*?)\n(.*?)^\1```$", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE
+    ):
+        yield Block(found[2], found[3], re.sub(rf"^{found[1]}", "", found[4], flags=re.MULTILINE))
+
+
+def commands(text: str) -> list[list[str]]:
+    """Words of each line, without comments."""
+    return [words for line in text.splitlines() if (words := shlex.split(line, comments=True))]
+
+
+def lay_out(folder: Path) -> None:
+    """Write the files that the pages assume: two recordings of a simulated actuator and a reference."""
+    plant = plants.get("relay_preisach", sample_time=1e-3)
+    for name, x in (
+        ("another.csv", decaying_triangle(duration_s=2.0, sample_time=1e-3, low=0.0, high=150.0)),
+        ("stage.csv", multi_sine(duration_s=6.0, sample_time=1e-3, low=0.0, high=150.0, highest_Hz=10.0)),
+    ):
+        plant.reset()
+        y = plant.run(x)
+        write_table(folder / name, {"time_s": np.arange(x.size) * 1e-3, "voltage_V": x, "displacement_um": y})
+    y_ref = decaying_triangle(duration_s=2.0, sample_time=1e-3, low=float(y.min()), high=float(y.max()))
+    write_table(folder / "reference.csv", {"time_s": np.arange(y_ref.size) * 1e-3, "reference_um": y_ref})
+
+
+def run_page(page: Path, folder: Path, piezobench: CommandLine) -> None:
+    """Run the blocks of a page in the current folder, and compare their output with the page."""
+    names: dict[str, object] = {"__name__": "__main__"}
+    printed = ""
+    for block in blocks(page):
+        if block.language == "sh":
+            printed = "".join(
+                called(words, folder, piezobench, refused=block.rest == "fails") for words in commands(block.text)
+            )
+        elif block.language == "python" and block.rest:
+            (folder / re.sub(r'title="(.*)"', r"\1", block.rest)).write_text(block.text, encoding="utf-8")
+        elif block.language == "python":
+            with contextlib.redirect_stdout(io.StringIO()) as out:
+                exec(compile(block.text, str(page), "exec"), names)
+            printed = out.getvalue()
+        elif block.language == "text":
+            assert printed.rstrip() == block.text.rstrip(), page.name
+
+
+def called(words: list[str], folder: Path, piezobench: CommandLine, refused: bool = False) -> str:
+    """Output of a command, which must succeed, or be refused in one sentence."""
+    if words[0] == "piezobench":
+        done = piezobench(*words[1:], folder=folder)
+    else:
+        if words[0] == "make":
+            program("cc")  # to compile what was exported
+        environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
+        other = subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+        done = Finished(other.returncode, other.stdout, other.stderr)
+    assert done.status == (2 if refused else 0), (words, done.status, done.stdout, done.stderr)
+    assert not refused or done.stderr.count("\n") == 1
+    return done.stdout
+
+
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The current folder, with the files that the examples take."""
     monkeypatch.chdir(tmp_path)
-    documents.lay_out(tmp_path)
+    lay_out(tmp_path)
     return tmp_path
 
 
@@ -64,7 +145,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     ids=lambda page: page.stem,
 )
 def test_the_examples_of_a_page_run_and_print_what_it_shows(page: Path, folder: Path, piezobench: CommandLine) -> None:
-    documents.run(page, folder, piezobench)
+    run_page(page, folder, piezobench)
 
 
 def included(found: re.Match[str]) -> str:
@@ -100,7 +181,7 @@ def test_the_figures_on_the_first_page_are_those_of_the_reference_run_and_of_the
 def test_the_workflow_of_a_solvers_author_fails_when_the_solver_takes_more_time_or_is_wrong(
     tmp_path: Path, piezobench: CommandLine
 ) -> None:
-    texts = {block.rest: block.text for block in documents.blocks(ROOT / "docs" / "tutorial-solver-author.md")}
+    texts = {block.rest: block.text for block in blocks(ROOT / "docs" / "tutorial-solver-author.md")}
     source, workflow = texts['title="my_solver.py"'], texts['title=".github/workflows/solver.yml"']
     race, compare = re.findall(r"- run: piezobench (.*)", workflow)
     for name in ("my_solver.py", "baseline.py"):
@@ -189,7 +270,7 @@ README = ROOT / "README.md"
 @pytest.mark.usefixtures("folder")
 def test_the_python_example_runs() -> None:
     (text,), names = (
-        [block.text for block in documents.blocks(README) if block.language == "python"],
+        [block.text for block in blocks(README) if block.language == "python"],
         dict[str, object](),
     )
     exec(compile(text, "README.md", "exec"), names)
@@ -199,10 +280,10 @@ def test_the_python_example_runs() -> None:
 @pytest.mark.needs("cc")
 def test_the_commands_from_a_recording_to_a_controller_work_as_printed(folder: Path, piezobench: CommandLine) -> None:
     shutil.copytree(ROOT / "results" / "reference", folder / "results" / "reference")
-    (block,) = [block for block in documents.blocks(README) if block.language == "sh" and "deploy" in block.text]
-    for words in documents.commands(block.text):
+    (block,) = [block for block in blocks(README) if block.language == "sh" and "deploy" in block.text]
+    for words in commands(block.text):
         if words[1] not in ("realtime", "experiment", "live"):  # half a minute each, and run by tests of their own
-            output = documents.call(words, folder, piezobench)
+            output = called(words, folder, piezobench)
             assert words[1] != "deploy" or "Model: from model.json." in output
     assert (folder / "drive.csv").read_text().startswith("time_s,drive_V")
     for made in ("stage.html", "controller/Makefile", "stage.fmu"):

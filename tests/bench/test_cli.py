@@ -380,6 +380,10 @@ CORES = len(cores.usable())
             ("race", "--lane", "kernel", "--solver", "clarabel"),
             ["no selected solver is in the lane kernel"],
         ),
+        (
+            ("race", "--folder", "foreign", "--budget", 0.001, "--out", "empty"),
+            ["no problem of the set 'foreign' can be raced; indefinite: P is not convex"],
+        ),
         ((*RACE, "--settings", "daqp=1e-6"), ["daqp: must be SOLVER={...} with settings in JSON"]),
         ((*RACE, "--settings", "clarabel={}"), ["which does not race"]),
         (

@@ -280,9 +280,9 @@ def test_a_failure_in_one_repeat_is_the_status_of_the_row_and_one_in_which_a_set
 def test_times_are_those_of_the_host_with_most_rows_and_settings_are_judged_by_all() -> None:
     found = measured(
         [
-            *ladder({"p1": [1e-8, 1e-12], "p2": [1e-8, 1e-12]}, host="here", solve_us_p50=1.0),
+            *ladder({"p1": [1e-8, 1e-12], "p2": [1e-8, 1e-12]}, host="here", solve_us_p50=1.0, period_us=[125.0, 5e3]),
             *ladder({"p1": [1e-5, 1e-12]}, host="there", solve_us_p50=50.0),
-            row(solver="null", host="there", period_us=5000.0),
+            row(solver="null", host="there"),
         ]
     )
     assert (found.host, found.shortest_period_us) == ("here", 125.0)

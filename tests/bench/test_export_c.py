@@ -49,7 +49,9 @@ INTEGRAL = (
     ("continuous, faulty sensor, integral action"),
 )
 RINGING = "compensator, ringing", "projected_difference, ringing", "continuous, faulty sensor, integral action, ringing"
-KINDS = ("compensator", *LOOPS, *FAULTY, *INTEGRAL, *RINGING)
+FALLING = "box_active_set, falling", "continuous, falling"
+DESCENDING = "box_active_set, falling, descending range", "continuous, falling, descending range"
+KINDS = ("compensator", *LOOPS, *FAULTY, *INTEGRAL, *RINGING, *FALLING, *DESCENDING)
 NIGHTLY = pytest.mark.nightly
 
 
@@ -58,7 +60,15 @@ def expected_of(kind: str, size: int = SHORT) -> Expected:
     solver, dynamics = kind.partition(", ")[0], DYNAMICS if "ringing" in kind else None
     if solver == "compensator":
         return compensation(size, dynamics)
-    return learning(solver, size, "faulty" in kind, integral_gain=1000.0 * ("integral" in kind), dynamics=dynamics)
+    return learning(
+        solver,
+        size,
+        "faulty" in kind,
+        integral_gain=1000.0 * ("integral" in kind),
+        gain=-1.0 if "falling" in kind else 1.0,
+        structure=a_model().structure.reversed_output() if "descending" in kind else None,
+        dynamics=dynamics,
+    )
 
 
 def built(folder: Path, expected: Expected, compiler: str, *flags: str) -> Path:
@@ -89,28 +99,10 @@ def test_the_exported_c_gives_pythons_drive_to_the_last_bit_with_every_compiler_
     if kind in FAULTY:
         compare(tmp_path, expected_of(kind), "clang", ("-O3", "-march=native"))
     if not kind.startswith("compensator"):
-        assert events[0] > 0
+        assert (events[0] > 0) == (kind not in FALLING)
+        assert (events[1] > 0) or kind not in FALLING
         assert events[2] >= 2 * ("faulty" in kind)
         assert events[3] == 0
-
-
-@pytest.mark.slow
-@pytest.mark.needs("gcc")
-@pytest.mark.parametrize("solver", ["box_active_set", "continuous"])
-def test_the_exported_learner_refuses_a_reversed_output_and_learns_it_with_a_descending_range(
-    tmp_path: Path, solver: str
-) -> None:
-    expected = learning(solver, SHORT, gain=-1.0)
-    hand_overs, refusals, *_ = compare(tmp_path / "held", expected, "gcc", ("-O2",))
-    assert hand_overs == 0
-    assert refusals > 0
-    line = Compensator(expected.model, x_limits=LIMITS).run(expected.samples[:, 0])
-    np.testing.assert_array_equal(expected.x, line)
-    descending = expected.model.structure.reversed_output()
-    hand_overs, *_ = compare(
-        tmp_path / "learned", learning(solver, SHORT, gain=-1.0, structure=descending), "gcc", ("-O2",)
-    )
-    assert hand_overs > 0
 
 
 @pytest.mark.slow
@@ -396,23 +388,12 @@ def made(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([program("make"), "-C", str(folder), *words], capture_output=True, text=True, check=True)
 
 
-@pytest.mark.needs("cc")
-def test_one_shell_line_turns_a_recording_into_a_running_program(
-    piezobench: CommandLine, desk: Path, tmp_path: Path
-) -> None:
-    piezobench.run("identify", "stage.csv", "--out", tmp_path / "m.json", folder=desk)
-    call = piezobench.quietly("export-c", tmp_path / "m.json", tmp_path / "c", "--precision", "float", folder=desk)
-    assert "make -C" in call.stdout
-    done = made(tmp_path / "c", "run")
-    assert "8000 samples" in done.stderr
-
-
 @pytest.mark.sample(1)
 @pytest.mark.needs("cc")
 @pytest.mark.parametrize(
     "words",
     [
-        (),
+        ("--precision", "float"),
         ("--part", "learning"),
         ("--part", "learning", "--mode", "cyclic", "--solver", "accelerated_projection"),
         ("--name", "stage_x", "--low", 5, "--high", 100, "--rate-limit", 1000),

@@ -245,12 +245,6 @@ def test_a_p_that_stays_is_not_passed_again_in_any_kind_of_call(raced: tuple[Run
     assert set(rows.status) == {"answered"}, rows.message.unique()
 
 
-def test_a_folder_without_a_proof_is_not_raced(piezobench: CommandLine, tmp_path: Path) -> None:
-    np.savez(tmp_path / "indefinite.npz", P=np.diag([1.0, -1.0]), q=np.zeros(2))
-    sentence = "no problem of the set 'foreign' can be raced; indefinite: P is not convex"
-    assert sentence in piezobench("race", "--folder", tmp_path, *SHORT, "--out", tmp_path / "results").refusal
-
-
 def test_test_sets_of_qpbenchmark_are_read_from_their_class(
     piezobench: CommandLine, folder: Path, tmp_path: Path
 ) -> None:

@@ -55,39 +55,42 @@ def output(piezobench: CommandLine, desk: Path) -> str:
     return call.stdout
 
 
-def test_what_the_drive_determines_is_printed_stored_and_on_the_page(output: str, browser: Browser, desk: Path) -> None:
-    drive = HysteresisCreepModel.load(desk / "model.json").report["drive"]
-    assert drive["hysteresis"]
-    assert drive["sentence"].startswith("This drive determines hysteresis")
-    assert drive["highest_Hz"] == pytest.approx(10.0, abs=4.0)  # three lines of the spectrum
-    browser.open(desk / "stage page.html")
-    for text in (" ".join(output.split()), browser.run("return document.body.innerText")):
-        assert drive["sentence"] in text
-
-
 def recording(x: np.ndarray, y: np.ndarray) -> Recording:
     return Recording.from_arrays(x, y, SAMPLE_TIME, input_unit="V", output_unit="um")
 
 
 @pytest.mark.usefixtures("output")
-def test_the_page_draws_every_plot_and_shows_names_as_text(browser: Browser, desk: Path) -> None:
+def test_the_page_draws_every_plot_of_the_recording_and_shows_names_as_text(browser: Browser, desk: Path) -> None:
     assert {"loops", "error", "weights", "spectrum", "orders"} <= {*browser.sections(desk / "stage page.html")}
     assert len(browser.plots()) == 6
     assert browser.run("return document.title") == "Recording <u>stage.csv"
     assert browser.run("return document.querySelectorAll('main img, main u, main b').length") == 0
     for link in browser.run("return [...document.querySelectorAll('.note a')].map(a => a.getAttribute('href'))"):
         assert (desk / link.replace("%20", " ")).is_file()
+    loops = pd.read_csv(desk / "stage page-figures" / "loops.csv").query("name == 'measured'")
+    assert loops.x.to_numpy() == pytest.approx(signals()[0][loops["sample"]], abs=1e-6)
 
 
-@pytest.mark.usefixtures("output")
-def test_weights_come_with_intervals_and_with_their_excitation(browser: Browser, desk: Path) -> None:
+def test_what_the_drive_determines_the_orders_and_the_weights_with_intervals_are_those_of_the_model(
+    output: str, browser: Browser, desk: Path
+) -> None:
+    model, said = HysteresisCreepModel.load(desk / "model.json"), " ".join(output.split())
+    chosen = f"n = {model.structure.n}, m = {model.structure.dead_zones // 2}"
+    assert f"{chosen} has the fewest weights of those within 2 of the smallest" in said
+    assert sum(line.rstrip().endswith("chosen") for line in output.splitlines()) == 1
+    assert output.rstrip().endswith("Page: stage page.html")
     browser.open(desk / "stage page.html")
-    page = browser.run("return document.body.innerText")
-    assert "Excitation is the RMS" in page
-    assert "95 % intervals for these orders in brackets" in page
+    page, report = browser.run("return document.body.innerText"), model.report
+    drive = report["drive"]
+    assert drive["hysteresis"]
+    assert drive["sentence"].startswith("This drive determines hysteresis")
+    assert drive["highest_Hz"] == pytest.approx(10.0, abs=4.0)  # three lines of the spectrum
+    assert drive["sentence"] in said
+    for words in (drive["sentence"], "Excitation is the RMS", "95 % intervals for these orders in brackets"):
+        assert words in page
     data = pd.read_csv(desk / "stage page-figures" / "weights.csv")
     assert [*data.columns] == ["weight", "value", "low", "high", "excitation", "standing", "zero"]
-    known, report = data.dropna(), HysteresisCreepModel.load(desk / "model.json").report
+    known = data.dropna()
     assert len(known) > 5
     figures = ((value, *report["intervals"]["figures"][name]) for name, value in report["figures"].items())
     for value, low, high in (*known[["value", "low", "high"]].itertuples(index=False), *figures):
@@ -123,14 +126,6 @@ def test_the_error_is_a_curve_through_its_largest_values() -> None:
     assert (shown.min(), shown.max()) == pytest.approx((counted.min(), counted.max()), rel=1e-4)
 
 
-def test_the_chosen_structure_is_printed_and_is_that_of_the_model(output: str, desk: Path) -> None:
-    structure = HysteresisCreepModel.load(desk / "model.json").structure
-    chosen = f"n = {structure.n}, m = {structure.dead_zones // 2}"
-    assert f"{chosen} has the fewest weights of those within 2 of the smallest" in " ".join(output.split())
-    assert sum(line.rstrip().endswith("chosen") for line in output.splitlines()) == 1
-    assert output.rstrip().endswith("Page: stage page.html")
-
-
 def test_json_holds_report_and_orders(piezobench: CommandLine, desk: Path, tmp_path: Path) -> None:
     call = piezobench(
         "identify",
@@ -150,13 +145,6 @@ def test_json_holds_report_and_orders(piezobench: CommandLine, desk: Path, tmp_p
     found = json.loads(call.stdout)
     assert found["report"] == json.loads((tmp_path / "m.json").read_text())["report"]
     assert found["report"]["selection"]["table"][0]["n"] == 2
-
-
-@pytest.mark.usefixtures("output")
-def test_the_data_of_a_plot_are_those_of_the_recording(desk: Path) -> None:
-    loops = pd.read_csv(desk / "stage page-figures" / "loops.csv")
-    measured = loops[loops.name == "measured"]
-    assert measured.x.to_numpy() == pytest.approx(signals()[0][measured["sample"]], abs=1e-6)
 
 
 def test_the_review_repeats_the_fit_of_the_report() -> None:

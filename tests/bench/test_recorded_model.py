@@ -45,8 +45,8 @@ def recorded(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) 
     return path, later, race_of(piezobench, folder, "run", "--recording", path, *FEW).run
 
 
-def test_a_race_on_a_recording_keeps_the_model_of_all_of_it_and_the_error_of_that_of_four_fifths_on_the_last(
-    recorded: tuple[Path, Recording, Run],
+def test_the_model_of_all_of_a_recording_is_kept_and_deployed_with_the_error_of_that_of_four_fifths_on_the_last(
+    piezobench: CommandLine, recorded: tuple[Path, Recording, Run], tmp_path: Path
 ) -> None:
     path, _, run = recorded
     whole = Recording.open(path)
@@ -54,24 +54,18 @@ def test_a_race_on_a_recording_keeps_the_model_of_all_of_it_and_the_error_of_tha
         Recording.from_arrays(whole.x[part], whole.y[part], 1e-3, input_unit="V", output_unit="um")
         for part in (slice(round(0.8 * whole.length)), slice(round(0.8 * whole.length), None))
     )
-    assert HysteresisCreepModel.load(run.model_path("recorded")).weights.tolist() == identify(whole).weights.tolist()
-    error = identify(fitted).validate(unseen).fit.rms_percent
-    assert run.settings["models"]["recorded"]["error_percent"] == pytest.approx(error, rel=1e-9)
-    assert "deploy uses the model of the whole recording." in (run.path / "report.md").read_text()
-
-
-def test_deploy_uses_that_model_and_prints_its_error(
-    piezobench: CommandLine, recorded: tuple[Path, Recording, Run], tmp_path: Path
-) -> None:
-    *_, run = recorded
-    call = piezobench.run("deploy", run.path, *LONG, "--out", tmp_path / "c.json")
+    weights = identify(whole).weights.tolist()
+    assert HysteresisCreepModel.load(run.model_path("recorded")).weights.tolist() == weights
     error = run.settings["models"]["recorded"]["error_percent"]
+    assert error == pytest.approx(identify(fitted).validate(unseen).fit.rms_percent, rel=1e-9)
+    assert "deploy uses the model of the whole recording." in (run.path / "report.md").read_text()
+    call = piezobench.run("deploy", run.path, *LONG, "--out", tmp_path / "c.json")
     assert (
         "Model: from the recording of the race. Fitted to the first four fifths alone, its RMS error is "
         f"{error:.3g} % of the range on the last, which was held out."
     ) in " ".join(call.stdout.split())
     deployed = Deployment.load(tmp_path / "c.json")
-    assert deployed.model.weights.tolist() == HysteresisCreepModel.load(run.model_path("recorded")).weights.tolist()
+    assert deployed.model.weights.tolist() == weights
     assert (deployed.evidence["error_percent"], deployed.evidence["last_fifth"]) == (error, "held out, then fitted")
 
 

@@ -32,11 +32,8 @@ PHASES = {"reset_s": 0.1, "build_s": 2.0, "learn_s": 0.5, "hand_over_s": 0.02, "
 
 
 def structure_of(name: str, negative_gain: bool = False) -> ModelStructure:
-    plant = plants.get(name, sample_time=T)
-    low, high = plant.y_range
-    return ModelStructure.equidistant(
-        5, 3, plant.x_range, (high, low) if negative_gain else (low, high), (100.0, 10.0, 1.0, 0.1), T, offset=True
-    )
+    rising = structure_for(plants.get(name, sample_time=T))
+    return rising.reversed_output() if negative_gain else rising
 
 
 def measured(name: str, gain: float, noise: float = 1e-3, lag: int = 0, drift: float = 0.0) -> Callable[..., Vector]:

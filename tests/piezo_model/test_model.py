@@ -311,11 +311,6 @@ def equidistant(**changes: Any) -> ModelStructure:
     )
 
 
-def test_creep_weights_do_not_grow_with_the_rates_and_go_without_them() -> None:
-    assert [equidistant(creep_rates=rates).d for rates in ((), (1.0,), (100.0, 10.0, 1.0, 0.1))] == [12, 18, 18]
-    assert equidistant(offset=True).weight_names[-1] == "offset"
-
-
 def test_a_descending_output_range_gives_the_structure_of_the_reversed_output() -> None:
     for low, high in ((-20.0, 20.0), (3.0, 7.0)):
         descending, ascending = equidistant(y_range=(high, low)), equidistant(y_range=(low, high))
@@ -323,21 +318,6 @@ def test_a_descending_output_range_gives_the_structure_of_the_reversed_output() 
         assert descending.negative_gain
         assert not ascending.negative_gain
         np.testing.assert_allclose(descending.unit_output(np.array([high, low])), [-1.0, 1.0])
-
-
-def test_ranges_become_the_unit_interval() -> None:
-    assert equidistant().unit_input(np.array([0.0, 75.0, 150.0])).tolist() == [-1.0, 0.0, 1.0]
-    assert equidistant().unit_output(np.array([-20.0, 0.0, 20.0])).tolist() == [-1.0, 0.0, 1.0]
-
-
-def test_bounds_are_zero_for_weights_the_least_slope_for_slopes_and_none_for_the_offset() -> None:
-    expected = [0.0, 0.01, 0.01, 0.01, 0.0, 0.0, -math.inf]
-    assert equidistant(n=1, m=1, offset=True).lower_bounds(0.01).tolist() == expected
-
-
-def test_numbers_of_numpy_are_taken_and_survive_json_too() -> None:
-    s = equidistant(sample_time=np.float32(0.5), creep_rates=np.array([2, 1]), offset=np.True_)
-    assert decoded(json.dumps(s.to_dict()), ModelStructure) == s
 
 
 @pytest.mark.parametrize(
@@ -375,11 +355,33 @@ def test_thresholds_out_of_order_are_refused(field: str, thresholds: tuple[float
         replace(equidistant(), **{field: thresholds})
 
 
-def test_very_slow_creep_loses_no_digits() -> None:
-    assert creep_gain([1e-9], 1e-6)[0] == pytest.approx(1e-15, rel=1e-14)
+NUMPYS = equidistant(sample_time=np.float32(0.5), creep_rates=np.array([2, 1]), offset=np.True_)
+FIGURES: dict[str, tuple[Callable[[], Any], Any]] = {
+    "creep weights do not grow with the rates and go without them": (
+        lambda: [equidistant(creep_rates=rates).d for rates in ((), (1.0,), (100.0, 10.0, 1.0, 0.1))],
+        [12, 18, 18],
+    ),
+    "the last weight is the offset": (lambda: equidistant(offset=True).weight_names[-1], "offset"),
+    "the range of the input becomes the unit interval": (
+        lambda: equidistant().unit_input(np.array([0.0, 75.0, 150.0])).tolist(),
+        [-1.0, 0.0, 1.0],
+    ),
+    "bounds of weights, slopes and the offset": (
+        lambda: equidistant(n=1, m=1, offset=True).lower_bounds(0.01).tolist(),
+        [0.0, 0.01, 0.01, 0.01, 0.0, 0.0, -math.inf],
+    ),
+    "numbers of NumPy survive JSON": (lambda: decoded(json.dumps(NUMPYS.to_dict()), ModelStructure), NUMPYS),
+    "very slow creep loses no digits": (
+        lambda: creep_gain([1e-9], 1e-6).tolist(),
+        [pytest.approx(1e-15, rel=1e-14)],
+    ),
+    "a play stays where it is at a sample that is no number": (lambda: play([np.nan], [0.1], [0.3])[1].tolist(), [0.3]),
+    "so does creep": (lambda: creep([np.nan], [0.1], [1.0], 1e-3, [0.3])[1].tolist(), [0.3]),
+    "so do dead zones": (lambda: dead_zone([np.nan], [-0.5, 0.0, 0.5]).tolist(), [[0.0, 0.0, 0.0]]),
+}
 
 
-def test_a_sample_that_is_not_a_number_leaves_the_state_where_it_is() -> None:
-    assert play([np.nan], [0.1], [0.3])[1] == [0.3]
-    assert creep([np.nan], [0.1], [1.0], 1e-3, [0.3])[1] == [0.3]
-    assert dead_zone([np.nan], [-0.5, 0.0, 0.5]).tolist() == [[0.0, 0.0, 0.0]]
+@pytest.mark.parametrize("what", FIGURES)
+def test_figures_of_structures_and_operators_are_those_computed_by_hand(what: str) -> None:
+    compute, expected = FIGURES[what]
+    assert compute() == expected

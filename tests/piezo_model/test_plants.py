@@ -48,17 +48,12 @@ def test_an_unknown_plant_is_refused_with_the_known_ones():
 @contract
 @settings(max_examples=15, deadline=None)
 @given(cuts=st.lists(st.integers(0, 600), max_size=6), seed=st.integers(0, 1000))
-def test_a_run_in_chunks_and_single_steps_equals_one_run_bit_for_bit(make, name, cuts, seed):
+def test_a_run_in_chunks_and_single_steps_equals_one_run_bit_for_bit_and_another_after_a_reset(make, name, cuts, seed):
     x, plant = walk(0.6, seed), make(name)
     chunks = [plant.run(chunk) for chunk in np.split(x[:500], sorted(cuts))]
     steps = np.array([plant.step(v) for v in x[500:]])
-    np.testing.assert_array_equal(np.concatenate([*chunks, steps]), make(name).run(x))
-
-
-@contract
-def test_a_reset_plant_is_as_made(make, name):
-    x, plant = walk(), make(name)
-    whole = plant.run(x)
+    whole = make(name).run(x)
+    np.testing.assert_array_equal(np.concatenate([*chunks, steps]), whole)
     plant.reset()
     np.testing.assert_array_equal(plant.run(x), whole)
 
