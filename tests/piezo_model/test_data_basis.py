@@ -1,12 +1,150 @@
-import tracemalloc
+"""The data basis, in chunks of any size, and the problem made of it: units, weights that the drive does not excite, and
+the proximal term."""
 
+import tracemalloc
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import known_models
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_models import Case, cases
 
-from piezo_model import DataBasis, ModelStructure
+from piezo_model import DataBasis, HysteresisCreepModel, IdentificationProblem, ModelStructure
+from piezo_model.identification.error_model import ProgramSolver
+
+
+def structure(**changes: object) -> ModelStructure:
+    return known_models.structure(**{"n": 4, "m": 2, "sample_time": 1e-2, **changes})
+
+
+def true_model(s: ModelStructure) -> HysteresisCreepModel:
+    return known_models.true_model(s, bend=0.3)
+
+
+def problem_of(
+    s: ModelStructure,
+    x: np.ndarray,
+    noise: float = 0.0,
+    rest: float = 0.0,
+    reference: np.ndarray | None = None,
+    proximal: float = 1e-10,
+) -> IdentificationProblem:
+    """Problem of a drive in normalised units, answered by :func:`true_model`."""
+    x_V, state = s.x_centre + s.x_scale * x, known_models.undisplaced(s, rest)
+    y = true_model(s).simulate(x_V, state) + noise * s.y_scale * np.random.default_rng(3).normal(size=x.size)
+    basis = DataBasis(s, state)
+    basis.update(x_V, y)
+    return basis.problem(reference, proximal=proximal)
+
+
+def full_drive(amplitude: float = 1.0, size: int = 3000) -> np.ndarray:
+    k = np.arange(size)
+    return amplitude * (0.6 * np.sin(k / 15) + 0.4 * np.sin(k / 47))
+
+
+def test_raw_variables_have_physical_units() -> None:
+    s = structure()
+    problem = problem_of(s, full_drive())
+    w, unit = ProgramSolver().optimum(problem), np.ones(s.d)
+    unit[s.slices[1]], unit[-1] = s.x_scale / s.y_scale, s.x_scale  # V/µm, and V for the offset
+    np.testing.assert_allclose(problem.form("weight", "raw").variables(w), unit * w)
+
+
+# Weights that the drive does not excite.
+
+
+def unreached(problem: IdentificationProblem) -> set[str]:
+    return set(problem.excitation_report().unreached)
+
+
+@pytest.mark.parametrize("rest", [0.0, 0.3])
+@pytest.mark.parametrize("amplitude", [0.15, 0.35, 0.55, 0.75, 0.95])
+def test_the_report_names_exactly_the_thresholds_that_the_drive_did_not_reach(amplitude: float, rest: float) -> None:
+    s = structure()
+    x = rest + full_drive(amplitude) / np.max(np.abs(full_drive()))
+    y = s.unit_output(true_model(s).simulate(s.x_centre + s.x_scale * x, known_models.undisplaced(s, rest)))
+    expected = {f"w_{letter}{i}" for letter in "HK" for i, r in enumerate((0.0, *s.play_thresholds)) if r > amplitude}
+    expected |= {
+        name
+        for name, r in zip(s.weight_names[s.n :], s.dead_zone_thresholds, strict=False)
+        if (r > 0 and y.max() <= r) or (r < 0 and y.min() >= r)
+    }
+    assert unreached(problem_of(s, x, rest=rest)) == expected
+
+
+def test_a_monotone_drive_from_a_known_state_reaches_the_operators_that_it_moves() -> None:
+    problem = problem_of(structure(creep_rates=()), np.linspace(0.0, 0.7, 500))
+    assert unreached(problem) & {"w_H1", "w_H2", "w_H3", "w_H4"} == {"w_H4"}
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+@pytest.mark.parametrize("rest", [0.0, 0.3])
+def test_unreached_weights_stay_at_the_reference_for_any_data(noise: float, rest: float) -> None:
+    s = structure()
+    reference = s.slope_map @ np.linspace(0.2, 0.9, s.d)
+    problem = problem_of(s, rest + full_drive(0.25), noise, rest, reference)
+    away = np.abs(s.inverse_slope_map @ (ProgramSolver().optimum(problem) - reference))
+    held = np.array([name in unreached(problem) for name in s.weight_names])
+    assert held.sum() >= 6
+    assert np.all(away[held] <= 1e-12)
+    assert np.all(away[~held] > 1e-6)
+
+
+def test_the_true_weights_are_the_optimum_when_they_are_the_reference_of_a_small_drive() -> None:
+    s = structure()
+    truth = true_model(s).weights
+    w = ProgramSolver().optimum(problem_of(s, 0.3 + full_drive(0.25), rest=0.3, reference=truth))
+    # Slope zero and offset are one constant here: along it rounding (1e-15) stands against the proximal term (1e-10).
+    np.testing.assert_allclose(w, truth, rtol=0, atol=1e-4)
+    others = np.array([name not in ("w'_S-1", "w'_S0", "w'_S1", "offset") for name in s.weight_names])
+    np.testing.assert_allclose(w[others], truth[others], rtol=0, atol=1e-9)
+
+
+def test_a_stronger_proximal_term_moves_every_weight_less_from_the_reference() -> None:
+    s = structure()
+    v_ref = s.inverse_slope_map @ s.straight_line
+    answers = [
+        ProgramSolver().optimum(problem_of(s, full_drive(), 0.02, proximal=rho)) for rho in (1e-10, 1e-4, 1e-1, 1e6)
+    ]
+    distances = [np.linalg.norm(s.inverse_slope_map @ w - v_ref) for w in answers]
+    assert distances == sorted(distances, reverse=True)
+    assert distances[-1] < 1e-5
+
+
+def test_a_direction_that_the_data_leave_open_shows_in_the_condition() -> None:
+    # y never comes back to the piece around zero, so what that piece adds is one more constant beside the offset.
+    s = structure(creep_rates=())
+    drives = ((0.85 + full_drive(0.1), 0.85), (full_drive(), 0.0))
+    report, full = (problem_of(s, x, rest=rest).excitation_report() for x, rest in drives)
+    assert full.unreached == ()
+    assert full.condition < 1e6 < report.condition <= 1 / np.finfo(float).eps
+
+
+def test_a_drive_that_stands_still_names_everything_open_and_still_has_a_finite_condition() -> None:
+    s = structure(creep_rates=(), offset=False)
+    still = replace(problem_of(s, full_drive()), P=np.zeros((s.d, s.d)), q=np.zeros(s.d), c=0.0)
+    assert still.excitation_report().unreached == s.weight_names
+    assert np.isfinite(still.excitation_report().condition)
+
+
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        (partial(replace, proximal=-1.0), "proximal must be a finite number of at least 0, not -1.0"),
+        (partial(replace, min_slope=0.0), "min_slope must be a positive number, not 0.0"),
+        (partial(replace, reference=np.zeros(3)), r"reference must have 15 weights, not shape \(3,\)"),
+        (lambda problem: problem.form("slope", "metric"), "unknown form 'slope', 'metric'"),
+    ],
+)
+def test_senseless_options_are_refused_by_name(call: Callable[[IdentificationProblem], object], sentence: str) -> None:
+    problem = problem_of(structure(), full_drive())
+    with pytest.raises(ValueError, match=sentence):
+        call(problem)
+
 
 BLOCK = 64
 """Number of rows per update."""
