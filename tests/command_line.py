@@ -46,6 +46,7 @@ while line := sys.stdin.readline():
         for stream in (sys.stdout, sys.stderr):
             stream.reconfigure(encoding=call["encoding"])
         prepare_streams()
+        os.environ.update(call["environment"])
         os.chdir(call["folder"])
         if call["largest_file"]:
             resource.setrlimit(resource.RLIMIT_FSIZE, (call["largest_file"],) * 2)
@@ -226,7 +227,14 @@ class CommandLine:
         assert line, Path(self.log.name).read_text()
         return line
 
-    def start(self, *words: object, folder: Path | None = None, largest_file: int = 0, encoding: str = "utf-8") -> Call:
+    def start(
+        self,
+        *words: object,
+        folder: Path | None = None,
+        largest_file: int = 0,
+        encoding: str = "utf-8",
+        **environment: str,
+    ) -> Call:
         """Start a call with an encoding of its output; only one call runs at a time."""
         self.end_call()
         self.calls += 1
@@ -240,6 +248,7 @@ class CommandLine:
             "folder": str(folder or self.folder),
             "largest_file": largest_file,
             "encoding": encoding,
+            "environment": environment,
         }
         self.ask(json.dumps(call))
         self.running_call = Call(self, int(self.answer()), stdout, stderr, encoding)
@@ -252,10 +261,15 @@ class CommandLine:
             self.running_call.wait()
 
     def __call__(
-        self, *words: object, folder: Path | None = None, largest_file: int = 0, encoding: str = "utf-8"
+        self,
+        *words: object,
+        folder: Path | None = None,
+        largest_file: int = 0,
+        encoding: str = "utf-8",
+        **environment: str,
     ) -> Finished:
         """Run a call to its end."""
-        return self.start(*words, folder=folder, largest_file=largest_file, encoding=encoding).wait()
+        return self.start(*words, folder=folder, largest_file=largest_file, encoding=encoding, **environment).wait()
 
     def run(self, *words: object, folder: Path | None = None, encoding: str = "utf-8") -> Finished:
         """Run a call to its end, which must be a success."""

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from box_programs import many_weak_rows
-from command_line import CommandLine, python
+from command_line import CommandLine
 from measured_rows import is_right, judged
 from program_files import DRAWN, dense, same_problem
 from programs import library
@@ -181,14 +181,16 @@ def test_proofs_and_refusals_are_cached_by_the_data_and_a_proof_is_verified_when
         assert proof(good) == first
 
 
-def test_a_race_whose_proofs_cannot_be_cached_continues_with_one_warning(tmp_path: Path) -> None:
+def test_a_race_whose_proofs_cannot_be_cached_continues_with_one_warning(
+    piezobench: CommandLine, tmp_path: Path
+) -> None:
     (tmp_path / "programs").mkdir()
     for name in ("one", "two"):
         np.savez(tmp_path / "programs" / f"{name}.npz", P=np.eye(2), q=np.ones(2), lb=np.zeros(2))
     (tmp_path / "cache").write_text("a file instead of a folder")
     words = ("race", "--folder", "programs", *SHORT, "--solver", "daqp", "--lane", "direct", "--limit", 2)
-    out, cache = ("--out", "results", "--name", "run"), str(tmp_path / "cache")
-    call = python("-m", "bench", *words, *out, folder=tmp_path, XDG_CACHE_HOME=cache)
+    out = ("--out", "results", "--name", "run")
+    call = piezobench(*words, *out, folder=tmp_path, XDG_CACHE_HOME=str(tmp_path / "cache"))
     assert call.stderr == (
         f"{tmp_path / 'cache' / 'piezobench'}: cannot be written (Not a directory), so nothing is "
         "kept for the next time\n"

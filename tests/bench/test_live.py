@@ -119,7 +119,16 @@ def test_the_recording_of_a_run_gives_a_model_as_good_as_that_of_an_open_loop_re
         assert of_run <= 1.1 * error_of_model("same_range.csv")
 
 
-@pytest.mark.parametrize(("words", "is_said"), [(("--sine", "5Hz:30um"), True), (("--sine", "5Hz:19um"), False)])
+@pytest.mark.parametrize(
+    ("words", "is_said"),
+    [
+        (("--sine", "5Hz:30um"), True),
+        (("--sine", "5Hz:19um"), False),
+        pytest.param(
+            ("--rate", 1, "--set-point", 0, "--seconds", 2), False, marks=pytest.mark.slow, id="slower than its timeout"
+        ),
+    ],
+)
 def test_a_reference_that_the_stage_cannot_reach_is_followed_and_said_to_be(
     words: tuple[object, ...], is_said: bool, piezobench: CommandLine
 ) -> None:
@@ -232,14 +241,6 @@ def test_the_tracking_error_excludes_the_ramps_to_the_reference_and_to_rest(
     rms = float(np.sqrt(np.mean((followed.reference_um - followed.displacement_um) ** 2)))
     assert f"{quantity(rms, 'um', 3)} RMS" in call.stdout
     assert rms < 0.2 < np.sqrt(np.mean((table.reference_um - table.displacement_um) ** 2))
-
-
-@pytest.mark.slow
-def test_a_loop_slower_than_the_timeout_of_its_stage_is_not_taken_for_one_that_hangs(piezobench: CommandLine) -> None:
-    call = piezobench(
-        "live", "--simulate", "duhem", "--no-page", "--rate", 1, "--set-point", 0, "--seconds", 2
-    )  # fmt: skip
-    assert (call.status, call.stdout.splitlines()[0]) == (0, "The stage is at rest; the time is over.")
 
 
 def test_the_board_hands_over_samples_and_events_in_their_order_and_a_recording_says_which_it_lacks(

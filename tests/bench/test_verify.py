@@ -1,5 +1,5 @@
-"""``piezobench verify`` refuses a run whose accuracies do not follow from its stored answers, and a missed answer is kept
-as a file from which it can be reproduced."""
+"""``piezobench verify`` refuses a run whose accuracies do not follow from its stored answers, and a missed answer is
+kept as a file from which it can be reproduced."""
 
 import re
 import shutil

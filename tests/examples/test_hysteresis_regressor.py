@@ -28,6 +28,7 @@ def recording() -> tuple[np.ndarray, np.ndarray]:
     return x[:, None], plants.get("dense_prandtl_ishlinskii", creep_share=0.0).run(x)
 
 
+@pytest.mark.sample(20)
 # The checks give several columns and as few as ten rows, so the drive is a chosen column and every row counts.
 @parametrize_with_checks(
     [

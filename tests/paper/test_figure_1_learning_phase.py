@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from faulty_sensor import steps
-from learning_loops import learner_for, sensor
+from learning_loops import learner_for, sensor, steps
 from qpsolvers import Problem
 
 import solvers

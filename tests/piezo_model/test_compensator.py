@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from faulty_sensor import spoiled, steps
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from learning_loops import MODES, T, learner_for, sensor, structure_for
+from learning_loops import MODES, T, learner_for, sensor, spoiled, steps, structure_for
 from random_models import FREE, Case, cases, drive
 
 from piezo_model import (

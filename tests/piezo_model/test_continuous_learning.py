@@ -4,8 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from faulty_sensor import rms_percent, steps
-from learning_loops import MODES, T, error_of, learner_for, sensor
+from learning_loops import MODES, T, error_of, learner_for, rms_percent, sensor, steps
 
 from piezo_model import HysteresisCreepModel, ModelStructure, OperatorState, SelfLearningCompensator, plants
 from piezo_model.learning.events import Phase

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from command_line import python
-from faulty_sensor import FaultySensor
-from learning_loops import MODES, learner_for, sensor, structure_for
+from learning_loops import MODES, FaultySensor, learner_for, sensor, structure_for
 from numpy.typing import NDArray
 
 from piezo_model import (

@@ -15,8 +15,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-from faulty_sensor import FaultySensor, rms_percent, spoiled, steps
-from learning_loops import MODES, NOISE, WAYS, T, error_of, learner_for, sensor, structure_for
+from learning_loops import (
+    MODES,
+    NOISE,
+    WAYS,
+    FaultySensor,
+    T,
+    error_of,
+    learner_for,
+    rms_percent,
+    sensor,
+    spoiled,
+    steps,
+    structure_for,
+)
 from qpsolvers import Problem
 
 from piezo_model import CompensatorBank, Dynamics, OperatorState, SelfLearningCompensator, plants
@@ -156,6 +168,7 @@ def test_a_replay_of_faults_equals_single_steps_bit_for_bit_and_goes_on_so_when_
     assert one.counts == whole.counts
     assert [event.message for event in one.log] == [event.message for event in whole.log]
     assert {Phase.RESET, Phase.LEARN} <= phases
+    assert "sensor" in {event.what for event in one.log}
 
 
 # Files
@@ -345,8 +358,8 @@ def test_a_large_model_comes_near_to_the_noise_of_the_sensor(mode: str) -> None:
 # Faults
 
 
-@pytest.mark.sample(2)
-@pytest.mark.parametrize(("mode", "integral_gain"), [("cyclic", 0.0), ("continuous", 0.3 / T), ("continuous", 0.0)])
+@pytest.mark.sample(1)
+@pytest.mark.parametrize(("mode", "integral_gain"), [("continuous", 0.3 / T), ("cyclic", 0.0), ("continuous", 0.0)])
 def test_a_hundred_thousand_samples_of_every_fault_never_get_through_to_the_drive_and_are_forgotten(
     mode: str, integral_gain: float
 ) -> None:
@@ -395,15 +408,6 @@ def test_missing_samples_only_make_the_phases_longer() -> None:
     assert learner.counts["hand_overs"] == 1
     assert learner.log[0].sample == pytest.approx(1.5 * 2100 + 200, abs=20)  # 2.1 s of good samples, then learning
     assert learner.log[0].learning_since == learner.log[0].sample - 200
-
-
-def test_a_fault_while_samples_are_counted_throws_them_away() -> None:
-    y_ref, before = recorded("cyclic", "box_active_set")
-    before[1200:1300] += 20.0
-    learner = fresh("cyclic", "box_active_set")
-    learner.replay(y_ref[:1250], before[:1250])
-    assert learner.phase is Phase.RESET
-    assert learner.log[-1].what == "sensor"
 
 
 # New weights

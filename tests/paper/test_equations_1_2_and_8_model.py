@@ -1,12 +1,14 @@
 """(1): H[x] = Σ w_Hi H_rHi[x], a sum of plays, and S, a sum of one-sided dead zones; (2): y = S[H[x] + K[x]], where
-each elementary creep operator is the exact solution of dz/dt = a·dz(x − z, r) for a held input."""
+each elementary creep operator is the exact solution of dz/dt = a·dz(x − z, r) for a held input; (8):
+x = H⁻¹[S⁻¹[y_r] − K[x]], with the inverses of H and S in closed form and K already updated with the previous drive."""
 
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 from plain_model import hysteresis_and_creep, one_sided_dead_zones, superposition
-from random_models import Case, cases, drive
+from random_models import FREE, Case, cases, drive
 
+from piezo_model.compensator import Compensator
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operators import creep, dead_zone, play
 
@@ -43,3 +45,17 @@ def test_the_unknowns_of_the_identification_make_the_same_model_when_the_first_w
         rtol=0,
         atol=1e-11 * case.structure.y_scale + 1e-12 * abs(case.structure.y_centre),
     )
+
+
+@given(cases())
+def test_the_model_after_the_compensator_reproduces_the_reference(case: Case) -> None:
+    y_ref = case.reference()
+    x = Compensator(case.model, FREE, state=case.state).run(y_ref)
+    np.testing.assert_allclose(case.model.simulate(x, case.state), y_ref, rtol=0, atol=case.y_tolerance)
+
+
+@given(cases())
+def test_the_compensator_after_the_model_gives_the_drive_back(case: Case) -> None:
+    x = case.a_drive()
+    y = case.model.simulate(x, case.state)
+    np.testing.assert_allclose(Compensator(case.model, FREE, state=case.state).run(y), x, rtol=0, atol=case.x_tolerance)
