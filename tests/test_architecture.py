@@ -209,6 +209,7 @@ def walked(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("walk", "most"), [("row", 16), ("problem", 11)])
 def test_a_walk_passes_few_files_and_all_of_them_are_in_its_drawing(walked: Path, walk: str, most: int) -> None:
     files = (walked / walk).read_text().split()

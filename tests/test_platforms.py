@@ -110,7 +110,7 @@ def reasons(shown: str) -> list[str]:
     return [line for line in shown.splitlines() if " skipped: " in line]
 
 
-@pytest.mark.sample(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(("wants_all", "status", "error"), [("", 0, ""), ("1", 1, "ERROR: ")])
 def test_tests_that_need_a_missing_program_are_skipped_with_one_line_that_names_it_or_fail_a_run_of_all(
     tmp_path: Path, wants_all: str, status: int, error: str
@@ -146,9 +146,11 @@ rng = np.random.default_rng(0)
 plant = plants.get("dense_prandtl_ishlinskii", sample_time=1e-3)
 low, high = plant.x_range
 x = low + (high - low) * (0.5 + 0.5 * np.sin(2 * np.pi * np.arange(6000) / 1500) * np.linspace(1.0, 0.3, 6000))
-write_table(sys.argv[1], {"time_s": np.arange(x.size) * 1e-3, "voltage_V": x, "displacement_um": plant.run(x)})
-model = identify(Recording.open(sys.argv[1]), n=3, m=1)
-y_ref = np.linspace(*np.quantile(plant.run(x), (0.3, 0.7)), 100)
+y = plant.run(x)
+for name in ("stage.csv", "stage.parquet"):
+    write_table(name, {"time_s": np.arange(x.size) * 1e-3, "voltage_V": x, "displacement_um": y})
+    model = identify(Recording.open(name), n=3, m=1)
+y_ref = np.linspace(*np.quantile(y, (0.3, 0.7)), 100)
 assert np.isfinite(Compensator(model, x_limits=plant.x_range).run(y_ref)).all()
 print(model.report["headline"])
 """
@@ -166,10 +168,9 @@ def absent() -> set[str]:
     return {"vl_convert" if name == "vl-convert-python" else name for name in extra - base}
 
 
-@pytest.mark.parametrize("name", ["stage.csv", "stage.parquet"])
-def test_a_recording_is_identified_and_compensated_without_the_packages_of_the_command(tmp_path, name) -> None:
+def test_a_recording_is_identified_and_compensated_without_the_packages_of_the_command(tmp_path: Path) -> None:
     assert {"pandas", "typer"} <= absent()
-    done = python("-c", REFUSE.format(absent=absent()) + IDENTIFY, tmp_path / name)
+    done = python("-c", REFUSE.format(absent=absent()) + IDENTIFY, folder=tmp_path)
     assert done.stderr == ""
     assert "with this model" in done.stdout
 

@@ -113,6 +113,7 @@ SETTINGS = ("low_accuracy", "high_accuracy")
 COLUMNS = ("primal_residual", "dual_residual", "duality_gap")
 
 
+@pytest.mark.slow
 def test_residuals_and_verdicts_on_an_exported_set_are_those_of_qpbenchmark(
     piezobench: CommandLine, tmp_path: Path
 ) -> None:

@@ -140,6 +140,7 @@ def test_however_a_run_ends_the_drive_keeps_limits_and_rate_and_comes_to_rest(
     assert len(times) <= len(drives)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.needs("cc", "make")
 @pytest.mark.parametrize(
     ("limits", "sentence"),

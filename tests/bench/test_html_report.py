@@ -111,7 +111,7 @@ def test_names_of_the_first_picture_are_apart_and_any_point_has_one_and_the_tabl
     browser.wait_until(lambda: name in browser.run(tip))
 
 
-def test_a_heading_sorts_by_its_numbers_and_back_and_keeps_unknown_values_at_the_end(
+def test_the_table_is_sorted_by_its_headings_unknown_values_last_and_filtered_by_its_choices_and_a_search(
     browser: Browser, page: Path, wide_race: Race
 ) -> None:
     browser.open(page)
@@ -126,11 +126,6 @@ def test_a_heading_sorts_by_its_numbers_and_back_and_keeps_unknown_values_at_the
             assert set(shown[known:]) <= {"–"}
     click(browser, "solver")
     assert column(browser, "solver") == sorted(column(browser, "solver"))
-
-
-def test_filters_and_search_show_the_matching_rows(browser: Browser, page: Path, wide_race: Race) -> None:
-    browser.open(page)
-    table = summary(wide_race.found)
     assert len(column(browser, "lane")) == len(table)
     chosen = {"lane": "direct", "tier": "high", "scaling": "scaled", "problem set": "orders"}
     for label, value in chosen.items():

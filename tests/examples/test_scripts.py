@@ -186,6 +186,7 @@ def rows() -> pd.DataFrame:
     return pd.DataFrame([row for seed in (5, 6, 14) for row in robustness.rows(seed)])
 
 
+@pytest.mark.slow
 def test_every_way_ends_near_the_floor_and_far_from_the_straight_line(rows: pd.DataFrame) -> None:
     assert (rows.cycle_5 < 0.5 * rows.straight).all()
     assert (rows.ratio < 3.0).all()

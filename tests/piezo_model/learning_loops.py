@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from piezo_model import ModelStructure, OperatorState, SelfLearningCompensator, plants
+from piezo_model import HysteresisCreepModel, ModelStructure, OperatorState, SelfLearningCompensator, plants
 from piezo_model.signals import staircase
 from solvers.arrays import Vector
 
@@ -33,6 +33,12 @@ def sensor(plant: str = "dense_prandtl_ishlinskii", **options: Any) -> plants.Se
 
 def structure_for(plant: plants.Plant, offset: bool = True, n: int = 5, m: int = 3) -> ModelStructure:
     return ModelStructure.equidistant(n, m, plant.x_range, plant.y_range, (100.0, 10.0, 1.0, 0.1), T, offset=offset)
+
+
+PLANT = plants.get("relay_preisach", sample_time=T)
+STRUCTURE = structure_for(PLANT)
+MODEL = HysteresisCreepModel.from_weights(STRUCTURE, STRUCTURE.straight_line)
+"""The straight line of an actuator."""
 
 
 def learner_for(

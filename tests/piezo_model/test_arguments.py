@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from learning_loops import T, learner_for, structure_for
+from learning_loops import MODEL, PLANT, STRUCTURE, T, learner_for, structure_for
 
 from piezo_model import (
     Compensator,
@@ -28,9 +28,6 @@ from piezo_model import (
 from piezo_model.operators import creep, dead_zone, play
 from piezo_model.recordings.recording import Reference
 
-PLANT = plants.get("relay_preisach", sample_time=T)
-STRUCTURE = structure_for(PLANT)
-MODEL = HysteresisCreepModel.from_weights(STRUCTURE, STRUCTURE.straight_line)
 K = np.arange(3000)
 DRIVE = 75.0 + 70.0 * np.sin(K / 150) * np.sin(K / 970)
 OUTPUT = plants.get("relay_preisach", sample_time=T).run(DRIVE)

@@ -10,6 +10,7 @@ import numpy as np
 import plain_model
 import pytest
 from numpy.typing import NDArray
+from plain_model import Matrix, Vector
 from qpsolvers import Problem
 
 import solvers
@@ -25,8 +26,6 @@ from piezo_model import (
 from solvers.core import bindings
 from solvers.core.compile_core import instruction_sets
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 STRUCTURE = ModelStructure.equidistant(5, 3, (0.0, 150.0), (-20.0, 20.0), (10.0, 1.0, 0.1), 1.25e-3)
 MEMORY_S, RESET_SAMPLES, BLOCK, INTERVAL = 2.0, 80, 20, 80
 MIN_SLOPE, PROXIMAL, BELIEF = 0.1, 1e-8, 1e-6

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from learning_loops import MODES, T, learner_for, sensor, structure_for
+from learning_loops import MODEL, MODES, PLANT, STRUCTURE, T, learner_for, sensor
 
 from piezo_model import (
     Compensator,
@@ -26,9 +26,6 @@ from piezo_model import (
     plants,
 )
 
-PLANT = plants.get("relay_preisach", sample_time=T)
-STRUCTURE = structure_for(PLANT)
-MODEL = HysteresisCreepModel.from_weights(STRUCTURE, STRUCTURE.straight_line)
 RINGING = Dynamics((30.0,), (0.02,), (0.9,), 0.5 * T)
 COPIES: dict[str, Callable[[Any], Any]] = {
     "copy": copy.copy,
