@@ -343,6 +343,10 @@ UNEVEN = [quiet()[0] + np.linspace(-0.3, 0.3, 6), *quiet()[1:]]
         (UNEVEN, 2.0, {}, 8 * [SAME]),
         pytest.param(quiet(3), 1.2, {"s1": 1.5}, [CANNOT_TELL, SLOWER, CANNOT_TELL], id="half as long again, of three"),
         pytest.param(quiet(3), 1.2, {}, 3 * [CANNOT_TELL], id="nothing is said of three"),
+        *(
+            pytest.param(quiet(*shape), 1.2, {"s0": 3.0}, shape[0] * [CANNOT_TELL], id=f"{shape} lanes and problems")
+            for shape in ((2, 6), (8, 2))
+        ),
     ],
 )
 def test_an_interval_that_holds_one_and_the_smallest_ratio_that_matters_cannot_tell(
@@ -350,6 +354,7 @@ def test_an_interval_that_holds_one_and_the_smallest_ratio_that_matters_cannot_t
 ) -> None:
     found = times(lanes, smallest, **changed)
     assert found.finding.to_dict() == {f"s{i}": finding for i, finding in enumerate(findings)}
+    assert np.isinf(found.ratio_high).all() == (min(len(lanes), len(lanes[0])) < 3)
 
 
 @pytest.mark.parametrize(("offset", "finding"), [(0.02, SAME), (0.06, CANNOT_TELL)])
@@ -358,13 +363,6 @@ def test_a_field_that_deviates_by_more_than_three_per_cent_cannot_tell_of_any_la
     assert (field.deviation["interleaved"] > 0.03) == (finding == CANNOT_TELL)
     assert finding in set(found.finding)
     assert (finding == SAME) or set(found.finding) == {CANNOT_TELL}
-
-
-@pytest.mark.parametrize("shape", [(2, 6), (8, 2)])
-def test_fewer_than_three_lanes_or_problems_cannot_tell(shape: tuple[int, int]) -> None:
-    found = times(quiet(*shape), s0=3.0)
-    assert set(found.finding) == {CANNOT_TELL}
-    assert np.isinf(found.ratio_high).all()
 
 
 @pytest.mark.parametrize(("offset", "used", "other"), [(0.005, "hot", "interleaved"), (0.02, "interleaved", "hot")])

@@ -176,62 +176,6 @@ def test_a_problem_whose_others_reach_no_setting_counts_as_not_right() -> None:
     assert margin(np.array([0.3, 0.05])) == 3.0
 
 
-def test_repeats_become_one_row_with_medians_spread_the_largest_and_the_sum() -> None:
-    rows = table(
-        [
-            row(
-                repeat=0,
-                solve_us_p50=2.0,
-                setup_us=9.0,
-                solve_us_max=5.0,
-                samples=5,
-                preemptions=1,
-                cost_gap=1e-9,
-                timed_gap=1e-8,
-                mutates_input=True,
-            ),
-            row(
-                repeat=1,
-                solve_us_p50=4.0,
-                setup_us=1.0,
-                solve_us_max=80.0,
-                samples=6,
-                preemptions=0,
-                cost_gap=1e-7,
-                timed_gap=1e-9,
-            ),
-            row(
-                repeat=2,
-                solve_us_p50=3.0,
-                setup_us=2.0,
-                solve_us_max=4.0,
-                samples=7,
-                preemptions=2,
-                cost_gap=1e-8,
-                timed_gap=1e-9,
-                repeatable=False,
-            ),
-        ]
-    )
-    one = merged(rows)
-    expected = {
-        "repeats": 3,
-        "repeat": 0,
-        "samples": 18,
-        "preemptions": 3,
-        "mutates_input": True,
-        "repeatable": False,
-        "solve_us_p50": 3.0,
-        "setup_us": 2.0,
-        "solve_us_max": 80.0,
-        "cost_gap": 1e-7,
-        "timed_gap": 1e-8,
-        "answer_us_spread": pytest.approx((4.0 - 2.0) / 3.0),
-    }
-    assert one[[*expected]].to_dict("records") == [expected]
-    assert one.columns.tolist() == [*rows.columns, "repeats", "answer_us_spread", "interleaved_us"]
-
-
 SKIPPED = row(status="not_run", message="a looser setting took longer", cost_gap=NAN, solve_us_p50=NAN, samples=0)
 LOST = row(repeat=1, status="crashed", message="SIGSEGV", cost_gap=NAN, solve_us_p50=NAN)
 FAILS = (row(repeat=2, status="missed", message="another", solve_us_p50=3.0), LOST, row(solve_us_p50=2.0))
@@ -240,6 +184,57 @@ FAILS = (row(repeat=2, status="missed", message="another", solve_us_p50=3.0), LO
 @pytest.mark.parametrize(
     ("repeats", "expected"),
     [
+        pytest.param(
+            [
+                row(
+                    repeat=0,
+                    solve_us_p50=2.0,
+                    setup_us=9.0,
+                    solve_us_max=5.0,
+                    samples=5,
+                    preemptions=1,
+                    cost_gap=1e-9,
+                    timed_gap=1e-8,
+                    mutates_input=True,
+                ),
+                row(
+                    repeat=1,
+                    solve_us_p50=4.0,
+                    setup_us=1.0,
+                    solve_us_max=80.0,
+                    samples=6,
+                    preemptions=0,
+                    cost_gap=1e-7,
+                    timed_gap=1e-9,
+                ),
+                row(
+                    repeat=2,
+                    solve_us_p50=3.0,
+                    setup_us=2.0,
+                    solve_us_max=4.0,
+                    samples=7,
+                    preemptions=2,
+                    cost_gap=1e-8,
+                    timed_gap=1e-9,
+                    repeatable=False,
+                ),
+            ],
+            {
+                "repeats": 3,
+                "repeat": 0,
+                "samples": 18,
+                "preemptions": 3,
+                "mutates_input": True,
+                "repeatable": False,
+                "solve_us_p50": 3.0,
+                "setup_us": 2.0,
+                "solve_us_max": 80.0,
+                "cost_gap": 1e-7,
+                "timed_gap": 1e-8,
+                "answer_us_spread": pytest.approx((4.0 - 2.0) / 3.0),
+            },
+            id="medians, the spread, the largest and the sum",
+        ),
         *(
             (
                 order,
@@ -271,10 +266,13 @@ FAILS = (row(repeat=2, status="missed", message="another", solve_us_p50=3.0), LO
         ([SKIPPED, {**SKIPPED, "repeat": 1}], {"status": "not_run"}),
     ],
 )
-def test_a_failure_in_one_repeat_is_the_status_of_the_row_and_one_in_which_a_setting_was_not_run_hides_no_other(
+def test_repeats_become_one_row_whose_status_is_the_worst_and_one_in_which_a_setting_was_not_run_hides_no_other(
     repeats: list[Row], expected: dict[str, object]
 ) -> None:
-    assert merged(table(repeats))[[*expected]].to_dict("records") == [expected]
+    rows = table(repeats)
+    one = merged(rows)
+    assert one[[*expected]].to_dict("records") == [expected]
+    assert one.columns.tolist() == [*rows.columns, "repeats", "answer_us_spread", "interleaved_us"]
 
 
 def test_times_are_those_of_the_host_with_most_rows_and_settings_are_judged_by_all() -> None:

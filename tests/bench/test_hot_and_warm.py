@@ -202,17 +202,20 @@ def settings(rows: list[Row]) -> dict[str, str]:
 
 
 @pytest.mark.parametrize(
-    ("gaps", "setting"),
-    [([1e-5, 1e-8, 1e-11], "s2"), ([1e-5, 1e-8, 1e-8], "s1"), ([1e-5, 1e-5, 1e-5], "d"), ([NAN, NAN, NAN], "d")],
+    ("rows", "setting"),
+    [
+        ([*ladder({"p1": [1e-5, 1e-8, 1e-11]}), DEFAULTS], "s2"),
+        ([*ladder({"p1": [1e-5, 1e-8, 1e-8]}), DEFAULTS], "s1"),
+        ([*ladder({"p1": [1e-5, 1e-5, 1e-5]}), DEFAULTS], "d"),
+        ([*ladder({"p1": [NAN, NAN, NAN]}), DEFAULTS], "d"),
+        *(  # whatever the data that a race draws for its timed answers
+            (ladder({"p1": [1e-10, 1e-12], "p2": [1e-11, 1e-12]}, timed_gap=[timed_gap, 1e-12]), "s0")
+            for timed_gap in (1e-11, 1e-3)
+        ),
+    ],
 )
-def test_the_setting_is_that_for_1e_9_else_for_1e_6_else_the_solvers_defaults(gaps: list[float], setting: str) -> None:
-    assert settings([*ladder({"p1": gaps}), DEFAULTS]) == {"daqp": setting}
-
-
-def test_races_that_draw_other_data_for_their_timed_answers_have_the_same_setting() -> None:
-    for timed_gap in (1e-11, 1e-3):
-        rows = ladder({"p1": [1e-10, 1e-12], "p2": [1e-11, 1e-12]}, timed_gap=[timed_gap, 1e-12])
-        assert settings(rows) == {"daqp": "s0"}
+def test_the_setting_is_that_for_1e_9_else_for_1e_6_else_the_solvers_defaults(rows: list[Row], setting: str) -> None:
+    assert settings(rows) == {"daqp": setting}
 
 
 def test_solvers_near_the_fastest_of_their_lane_are_timed_longer() -> None:

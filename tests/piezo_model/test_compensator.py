@@ -17,9 +17,7 @@ from piezo_model import (
     CompensatorBank,
     Dynamics,
     HysteresisCreepModel,
-    ModelError,
     ModelStructure,
-    OperatorState,
     SelfLearningCompensator,
 )
 from piezo_model.compensator import BUMP, CORRECTION, Compensator
@@ -101,17 +99,6 @@ def test_a_stage_may_rest_at_either_end_of_a_range_that_centre_and_scale_round(
 ) -> None:
     wider = replace(model, structure=replace(model.structure, x_centre=47.5061725, x_scale=67.50617249999999))
     assert first_drives(wider, math.nan, x_start=x_start) == pytest.approx([x_start] * 7, rel=1e-12)
-
-
-def test_the_states_before_a_recording_are_for_a_model_that_has_them(model: HysteresisCreepModel) -> None:
-    start = OperatorState.settled_at(model.structure, 30.0, came_from="below")
-    known = replace(model, start=start)
-    for chosen in ("recording", None):
-        np.testing.assert_array_equal(known.initial_state(chosen).play, start.play)
-    for state in (known.initial_state("rest"), model.initial_state("rest"), model.initial_state()):
-        np.testing.assert_array_equal(state.play, Compensator(model).state.play)
-    with pytest.raises(ModelError, match="no states from before a recording; begin at rest"):
-        model.initial_state("recording")
 
 
 @settings(max_examples=60)
