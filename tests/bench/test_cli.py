@@ -382,7 +382,7 @@ CORES = len(cores.usable())
         ),
         (
             ("race", "--folder", "foreign", "--budget", 0.001, "--out", "empty"),
-            ["no problem of the set 'foreign' can be raced; indefinite: P is not convex"],
+            ["no problem of the set 'foreign' can be raced; run.json: is of an unknown format"],
         ),
         ((*RACE, "--settings", "daqp=1e-6"), ["daqp: must be SOLVER={...} with settings in JSON"]),
         ((*RACE, "--settings", "clarabel={}"), ["which does not race"]),
