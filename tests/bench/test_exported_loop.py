@@ -409,8 +409,9 @@ CORES = {
 @pytest.mark.parametrize(
     ("core", "solver", "dynamics"),
     [
-        *((core, None, None) for core in CORES),
+        ("Cortex-M4F", None, None),
         ("Cortex-M7", None, DYNAMICS),
+        pytest.param("Cortex-M7", None, None, marks=pytest.mark.slow),
         *(
             pytest.param("Cortex-M7", solver, None, marks=pytest.mark.slow)
             for solver in ("projected_difference", "continuous")

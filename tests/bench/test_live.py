@@ -123,7 +123,7 @@ def test_the_recording_of_a_run_gives_a_model_as_good_as_that_of_an_open_loop_re
     ("words", "is_said"),
     [
         (("--sine", "5Hz:30um"), True),
-        (("--sine", "5Hz:19um"), False),
+        pytest.param(("--sine", "5Hz:19um"), False, marks=pytest.mark.slow),
         pytest.param(
             ("--rate", 1, "--set-point", 0, "--seconds", 2), False, marks=pytest.mark.slow, id="slower than its timeout"
         ),
