@@ -373,7 +373,7 @@ FIGURES: dict[str, tuple[Callable[[], Any], Any]] = {
     "numbers of NumPy survive JSON": (lambda: decoded(json.dumps(NUMPYS.to_dict()), ModelStructure), NUMPYS),
     "very slow creep loses no digits": (
         lambda: creep_gain([1e-9], 1e-6).tolist(),
-        [pytest.approx(1e-15, rel=1e-14)],
+        [pytest.approx(1e-15, rel=1e-14, abs=0.0)],
     ),
     "a play stays where it is at a sample that is no number": (lambda: play([np.nan], [0.1], [0.3])[1].tolist(), [0.3]),
     "so does creep": (lambda: creep([np.nan], [0.1], [1.0], 1e-3, [0.3])[1].tolist(), [0.3]),
