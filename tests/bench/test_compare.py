@@ -97,6 +97,7 @@ def with_changed_defaults(rows: pd.DataFrame) -> pd.DataFrame:
     return rows.assign(setting=rows.setting.mask(of_solver(rows), texts))
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     "change",
     [
