@@ -165,7 +165,6 @@ def least_squares(seed: int, d: int, condition: float, cost_unit: float = 0.0) -
     return CertifiedForm(qp, c, np.eye(d), certify(qp, np.zeros(d)), cost_unit=cost_unit, windows=windows)
 
 
-@pytest.mark.sample(9)
 @pytest.mark.parametrize("cost_unit", [0.0, 1.0])
 @pytest.mark.parametrize("condition", [1e1, 1e6, 1e10])
 @pytest.mark.parametrize("d", [1, 5, 18])
