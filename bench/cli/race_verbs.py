@@ -14,7 +14,7 @@ import typer
 from bench.cli.options import SET_OPTIONS, AsJson, Seed, check_option, grouped, on_workers, set_options
 from bench.messages.task import RaceError
 from bench.problems import ProblemSetError
-from bench.processes import engine, forked_child, solver_child
+from bench.processes import engine, server, solver_child
 from bench.races.run_problems import left_out
 from bench.races.runs import carry_on, open_run, settings_of, start, write
 from bench.races.settings import RaceSettings
@@ -230,7 +230,7 @@ def report_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")],
 def solvers_verb(as_json: AsJson = False) -> None:
     """List all solvers in all lanes, or why one is absent."""
     known = list(entries())
-    forked_child.warm_up(known)
+    server.warm_up(known)
     children = [solver_child.SolverChild(entry) for entry in known]
     rows = []
     with progress_bar() as progress:

@@ -19,8 +19,8 @@ from scipy.sparse import csc_matrix, issparse
 
 from bench.problem_files.program import (
     MOST_BYTES,
-    ProblemFileError,
     ReadProgram,
+    about,
     check,
     check_sides,
     checked,
@@ -32,19 +32,13 @@ from bench.problem_files.program import (
     vector,
 )
 from piezo_model.recordings.formats.mat_5 import read_mat_5
-from piezo_model.recordings.table import RecordingError
 
 
 def read_mat(path: Path) -> ReadProgram:
     """Read P, q, r, A, l and u; r is optional, and so are A, l and u together. ValueError for an invalid file."""
-    try:
+    damaged = (ValueError, OSError, NotImplementedError, TypeError, LookupError, zlib.error, MatReadError)
+    with about(path, "cannot be read as a MATLAB file of versions 5 to 7: ", damaged):
         variables = read_mat_5(path, MOST_BYTES, simplify=False)
-    except RecordingError as error:
-        raise ProblemFileError(str(error)) from None
-    except FileNotFoundError as error:
-        raise ValueError(error.strerror) from None
-    except (ValueError, NotImplementedError, TypeError, LookupError, OSError, zlib.error, MatReadError) as error:
-        raise ValueError(f"cannot be read as a MATLAB file of versions 5 to 7: {error}") from None
     for name in ("P", "q", *(("l", "u") if "A" in variables else ())):
         check(name in variables, f"holds no variable {name!r}")
     fields = ("P", "q", "r", *(("A", "l", "u") if "A" in variables else ()))

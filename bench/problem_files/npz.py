@@ -21,7 +21,6 @@ from scipy.sparse import csc_matrix
 from bench.problem_files.program import (
     MOST_BYTES,
     QP_FIELDS,
-    ProblemFileError,
     ReadProgram,
     about,
     check,
@@ -52,8 +51,11 @@ BESIDE = (
     "settings",
 )
 """Further names, or beginnings of names, in files of programs, of problems with their proofs, and of misses."""
+PARTNER = {"G": "h", "A": "b"}
+"""The side of rows, without which they may be absent."""
 DAMAGED = (
     ValueError,
+    OSError,
     TypeError,
     AttributeError,
     EOFError,
@@ -65,6 +67,7 @@ DAMAGED = (
     MemoryError,
     OverflowError,
     struct.error,
+    KeyError,
 )
 """Exceptions of NumPy and zipfile for a damaged file, whose headers are Python literals."""
 
@@ -107,55 +110,51 @@ def unpacked_program(arrays: Mapping[str, Any], prefix: str = "") -> Problem:
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
     """Open an NPZ file; errors of reading its arrays become a ProblemFileError."""
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:  # NumPy leaves a damaged file open
-            if isinstance(arrays, np.ndarray):
-                raise ProblemFileError(f"{path}: holds a single array, not the named arrays of an NPZ file")
-            list(_headers(arrays))  # which checks their sizes, before memory is taken for any of them
-            yield arrays
-    except ProblemFileError:
-        raise
-    except OSError as error:
-        raise ProblemFileError(f"{path}: {error.strerror or error}") from None
-    except KeyError as error:
-        raise ProblemFileError(f"{path}: holds no array {error.args[0]!r}") from None
-    except DAMAGED as error:
-        raise ProblemFileError(f"{path}: cannot be read as NPZ: {error}") from None
+    reading = about(path, "cannot be read as NPZ: ", DAMAGED)
+    with reading, path.open("rb") as file, np.lib.npyio.NpzFile(file) as arrays:
+        list(_headers(arrays))  # which checks their sizes, before memory is taken for any of them
+        yield arrays
 
 
 def read_npz(path: Path) -> ReadProgram:
     """Read a program under the names above, with an optional constant term ``c`` or ``r``; ValueError for an invalid
     file. Of a problem that a race has stored, it is the program in original units, without the constant term."""
     with opened(path) as arrays:
-        prefix = "raw/" if "raw/P" in arrays or "raw/P/data" in arrays else ""
-        fields = {name: _field(path, arrays, prefix + name) for name in QP_FIELDS}
-        shapes = _unread_shapes(path, arrays)
-        constant = next((constant_term(name, arrays[name]) for name in ("c", "r") if name in arrays), 0.0)
+        pickled = {name for name, dtype in _headers(arrays) if dtype.hasobject}
+        values = {name: arrays[name] for name in arrays if name not in pickled}
+    for name in pickled:
+        is_needed = name in ("P", "q", "c", "r") or PARTNER.get(name) in values  # so it is not a None
+        check(
+            not is_needed and name.partition("/")[0] in (*QP_FIELDS, *BESIDE),
+            f"{name} is stored as a Python object, which is not read; store sparse matrices as "
+            f"{', '.join(f'{name}/{field}' for field in CSC_FIELDS)}",
+        )
+    prefix = "raw/" if "raw/P" in values or "raw/P/data" in values else ""
+    fields = {name: unpacked(values, prefix + name) for name in QP_FIELDS}
+    constant = next((constant_term(name, values[name]) for name in ("c", "r") if name in values), 0.0)
     for name in ("P", "q"):
         check(fields[name] is not None, f"holds no {name}; a program has P and q at least")
     fields |= {name: vector(name, fields[name]) for name in ("q", "h", "b", "lb", "ub") if fields[name] is not None}
     fields |= {name: with_infinities(fields[name]) for name in ("h", "lb", "ub") if fields[name] is not None}
     qp = checked(Problem(**fields))
     rows = [side.size for side in (qp.h, qp.b) if side is not None]
-    refuse_unread(shapes, (), qp.q.size, rows, "G x <= h, A x = b, lb <= x <= ub")
+    refuse_unread(_unread_shapes(values), (), qp.q.size, rows, "G x <= h, A x = b, lb <= x <= ub")
     return ReadProgram(qp, constant)
 
 
 def read_answer(path: Path, size: int) -> Vector:
     """The answer (size,) in an NPY file; ProblemFileError for anything else."""
     with about(path):
-        try:
+        with about(path, "cannot be read as NPY: ", (ValueError, OSError, EOFError)):
             x = np.load(path, allow_pickle=False)
-        except (ValueError, EOFError) as error:
-            raise ValueError(f"cannot be read as NPY: {error}") from None
         check(isinstance(x, np.ndarray) and x.dtype.kind in "iuf", "holds no array of real numbers")
         check(x.shape == (size,), f"expected shape ({size},), one number for each variable, got {x.shape}")
         check(np.isfinite(x).all(), "has an element that is not a finite number")
         return np.asarray(x, dtype=np.float64)
 
 
-def _headers(arrays: Any) -> Iterator[tuple[str, tuple[int, ...], np.dtype[Any]]]:
-    """Name, shape and type of each array, without reading it; ValueError for a size that is not that of the file."""
+def _headers(arrays: Any) -> Iterator[tuple[str, np.dtype[Any]]]:
+    """Name and type of each array, without reading it; ValueError for a size that is not that of the file."""
     members = arrays.zip.infolist()
     size = sum(member.file_size for member in members)
     check(size <= MOST_BYTES, f"holds {size} bytes of arrays, and at most {MOST_BYTES} are read")
@@ -167,39 +166,17 @@ def _headers(arrays: Any) -> Iterator[tuple[str, tuple[int, ...], np.dtype[Any]]
             name = member.filename.removesuffix(".npy")
             least = 0 if dtype.hasobject else math.prod(shape) * dtype.itemsize
             check(least <= member.file_size, f"{name} is shorter than its header says")
-            yield name, shape, dtype
+            yield name, dtype
 
 
-def _unread_shapes(path: Path, arrays: Any) -> dict[str, tuple[int, ...]]:
+def _unread_shapes(values: Mapping[str, Any]) -> dict[str, tuple[int, ...]]:
     """Shapes of the numbers, or of compressed columns, under names that are neither read nor stored here."""
     shapes = {}
-    for key, shape, dtype in _headers(arrays):
+    for key, value in values.items():
         name, _, field = key.rpartition("/")
         if key.partition("/")[0] not in (*QP_FIELDS, *BESIDE):
-            if dtype.hasobject:
-                raise _is_object(path, key)
             if name and field in CSC_FIELDS:
-                shapes[name] = tuple(np.ravel(arrays[f"{name}/shape"]).tolist())
-            elif dtype.kind in "biufc":
-                shapes[key] = shape
+                shapes[name] = tuple(np.ravel(values.get(f"{name}/shape", value)).tolist())
+            elif value.dtype.kind in "biufc":
+                shapes[key] = value.shape
     return shapes
-
-
-def _is_object(path: Path, name: str) -> ProblemFileError:
-    return ProblemFileError(
-        f"{path}: {name} is stored as a Python object, which is not read; store sparse matrices "
-        f"as {', '.join(f'{name}/{field}' for field in CSC_FIELDS)}"
-    )
-
-
-def _field(path: Path, arrays: Any, name: str) -> Any:
-    """A field of a program; None if it is absent, or pickled and not needed."""
-    try:
-        return unpacked(arrays, name)
-    except ValueError as error:
-        if "Object arrays" not in str(error):
-            raise
-        partner = dict(zip("GA", "hb", strict=True)).get(name, "")
-        if name in ("P", "q") or (partner and _field(path, arrays, partner) is not None):  # so it is not a pickled None
-            raise _is_object(path, name) from None
-        return None

@@ -58,14 +58,14 @@ class ReadProgram:
 
 
 @contextmanager
-def about(path: Any) -> Iterator[None]:
-    """Turn a ValueError into a ProblemFileError that names the file."""
+def about(path: Any, what: str = "", damaged: tuple[type[Exception], ...] = (ValueError, OSError)) -> Iterator[None]:
+    """Turn an error of reading into a ProblemFileError that names the file, unless it does already, and says what
+    failed."""
     try:
         yield
-    except ProblemFileError:
-        raise
-    except ValueError as error:
-        raise ProblemFileError(f"{path}: {error}") from None
+    except damaged as error:
+        reason = str(getattr(error, "strerror", None) or error)
+        raise ProblemFileError(reason if reason.startswith(f"{path}: ") else f"{path}: {what}{reason}") from None
 
 
 def refuse_unread(

@@ -27,6 +27,7 @@ from scipy.sparse import csc_matrix
 from bench.problem_files.program import (
     MOST_BYTES,
     ReadProgram,
+    about,
     check,
     check_sides,
     checked,
@@ -48,11 +49,9 @@ Fields = tuple[str, str, list[tuple[str, str]]]
 
 def read_qps(path: Path) -> ReadProgram:
     """Read a QPS or MPS file of continuous variables. ValueError for an invalid file, with the line."""
-    try:
-        with gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb") as file:
-            content = file.read(MOST_BYTES + 1)
-    except (OSError, EOFError, zlib.error) as error:
-        raise ValueError(f"cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    reading = about(path, "cannot be read: ", (OSError, EOFError, zlib.error))
+    with reading, gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb") as file:
+        content = file.read(MOST_BYTES + 1)
     check(len(content) <= MOST_BYTES, f"holds more than {MOST_BYTES} bytes of text")
     try:
         lines = content.decode("utf-8").splitlines()

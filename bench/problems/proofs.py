@@ -26,8 +26,7 @@ from qpsolvers.exceptions import QPError
 
 import solvers
 from bench.messages import user_cache
-from bench.processes.child_process import LateError, LostError
-from bench.processes.forked_child import ForkedChild
+from bench.processes.child_process import Child, LateError, LostError
 from bench.timing import cores
 from piezo_model import json_file
 from solvers.arrays import Vector
@@ -127,7 +126,7 @@ def isolated(function: Callable[..., T], *arguments: Any) -> T:
         The function raised it, or a ValueError with this sentence; or the process died, possibly for a reason outside
         the program.
     """
-    result = _in_process(ForkedChild(), function, arguments)
+    result = _in_process(Child(), function, arguments)
     if isinstance(result, NotCertified):
         raise result
     return result
@@ -142,7 +141,7 @@ def proven(function: Callable[..., T], calls: Sequence[tuple[Any, ...]]) -> Gene
     >>> list(proven(pow, [(base, 2) for base in range(4)]))
     [0, 1, 4, 9]
     """
-    children, threads = [ForkedChild() for _ in calls], ThreadPoolExecutor(len(cores.usable()))
+    children, threads = [Child() for _ in calls], ThreadPoolExecutor(len(cores.usable()))
     futures = [
         threads.submit(_in_process, child, function, arguments)
         for child, arguments in zip(children, calls, strict=True)
@@ -159,7 +158,7 @@ def proven(function: Callable[..., T], calls: Sequence[tuple[Any, ...]]) -> Gene
         threads.shutdown()
 
 
-def _in_process(child: ForkedChild, function: Callable[..., T], arguments: tuple[Any, ...]) -> T | NotCertified:
+def _in_process(child: Child, function: Callable[..., T], arguments: tuple[Any, ...]) -> T | NotCertified:
     with child:
         try:
             return child.call(HANG_S, _attempt, function, arguments)

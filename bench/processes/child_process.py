@@ -1,27 +1,27 @@
 """Runs functions in a subprocess with a time limit.
 
-A child is a fresh interpreter that imports nothing of its parent's program, so any script may start one. Its output
-goes to an unnamed file, whose last line is reported if it dies. It does not outlive its parent: when the other end of a
-pipe between them is closed, the kernel sends it SIGIO, which ends it in any state. It leads a process group of its own,
-so the same signal ends the processes that it has started.
+A child is forked from a server that has imported what it needs (see `server`). Its output goes to an unnamed file,
+whose last line is reported if it dies. It does not outlive its parent: when the other end of a pipe between them is
+closed, the kernel sends it SIGIO, which ends it in any state. It leads a process group of its own, so the same signal
+ends the processes that it has started.
 """
 
 import fcntl
+import multiprocessing
 import os
 import resource
 import signal
 import socket
 import struct
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self, TypeVar
+
+from bench.processes.server import warm_up
 
 T = TypeVar("T")
 
@@ -84,12 +84,16 @@ class Child:
     def begin(self, function: Callable[..., Any], *arguments: Any) -> None:
         """Begin a call; ``wait`` returns its result."""
         if self._connection is None:
+            warm_up()
             self._connection, lent = Pipe()
             alive, self._lifeline = Pipe(duplex=False)
             self._log = tempfile.TemporaryFile()  # noqa: SIM115  it has no name and need not be removed
             fcntl.fcntl(self._log, fcntl.F_SETFL, os.O_APPEND)
-            with lent, alive:
-                self._start(lent, alive)
+            with lent, alive, Connection(os.dup(self._log.fileno())) as output:
+                self._process = multiprocessing.get_context("forkserver").Process(
+                    target=serve, daemon=True, args=(lent, alive, output)
+                )
+                self._process.start()
         try:
             self._connection.send((function, arguments))
         except OSError:
@@ -108,26 +112,10 @@ class Child:
         except Exception:  # the end of the process, or whatever bytes that are no message raise
             raise self._lost() from None
 
-    def _start(self, lent: Connection, alive: Connection) -> None:
-        """Start the process with its ends of the connection and of the pipe."""
-        program = (
-            f"import sys; sys.path[:] = {sys.path!r}; from multiprocessing.connection import Connection; "
-            f"from {__name__} import serve; serve(Connection({lent.fileno()}), Connection({alive.fileno()}))"
-        )
-        self._process = subprocess.Popen(
-            [sys.executable, "-c", program],
-            pass_fds=[lent.fileno(), alive.fileno()],
-            stdin=subprocess.DEVNULL,
-            stdout=self._log,
-            stderr=self._log,
-        )
-
     def _exit_code(self, within_s: float) -> int | None:
         """Exit code of the process; None if it has not ended within that time."""
-        try:
-            return self._process.wait(within_s)
-        except subprocess.TimeoutExpired:
-            return None
+        self._process.join(within_s)
+        return self._process.exitcode
 
     def _lost(self) -> LostError:
         """Close, and describe how the process ended."""
@@ -172,14 +160,15 @@ class Child:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 
-def serve(connection: Connection, alive: Connection) -> None:
-    """Main loop of the child: run the requested calls until the connection closes."""
+def serve(connection: Connection, alive: Connection, output: Connection) -> None:
+    """Main loop of the child: run the requested calls until the connection closes, and write to ``output``, which is
+    the parent's file."""
+    for stream in (1, 2):
+        os.dup2(output.fileno(), stream)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C
     signal.signal(signal.SIGIO, signal.SIG_DFL)
     os.setpgrp()

@@ -20,8 +20,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.processes.child_process import START_LIMIT_S, LateError, LostError
-from bench.processes.forked_child import ForkedChild
+from bench.processes.child_process import START_LIMIT_S, Child, LateError, LostError
 from bench.timing.clock import Effort, no_garbage_collection, time_call
 
 SIZE, TIMES = 32, 64
@@ -53,7 +52,7 @@ def work() -> list[int]:
     return times_ns
 
 
-class Sentinel(ForkedChild):
+class Sentinel(Child):
     """Samples one core; a sample is its time in seconds since the epoch and the nanoseconds of each run."""
 
     def __init__(self, core: int | None) -> None:

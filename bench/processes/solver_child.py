@@ -10,9 +10,9 @@ from pathlib import Path
 
 from bench.messages.task import ChildSettings, Outcome, RaceError, Request, Task
 from bench.processes import worker
-from bench.processes.child_process import START_LIMIT_S, LateError, LostError
-from bench.processes.forked_child import ForkedChild, warm_up
+from bench.processes.child_process import START_LIMIT_S, Child, LateError, LostError
 from bench.processes.sentinel import Sentinel
+from bench.processes.server import warm_up
 from solvers import Described, Entry, Lane
 
 STANDARD = ChildSettings()
@@ -20,7 +20,7 @@ STANDARD = ChildSettings()
 
 def entry_of_file(path: str | Path) -> Entry:
     """The entry of a user's file, whose code runs in a separate process; RaceError if it cannot be loaded."""
-    with ForkedChild() as child:
+    with Child() as child:
         try:
             entry = child.call(START_LIMIT_S, worker.introduce, str(path))
         except LateError:
@@ -32,7 +32,7 @@ def entry_of_file(path: str | Path) -> Entry:
     return entry
 
 
-class SolverChild(ForkedChild):
+class SolverChild(Child):
     """The process of one solver in one lane, pinned to a core if one is given; it starts at once, and again after a
     crash."""
 

@@ -1,22 +1,18 @@
-"""A child process that is forked from a server, for libraries that take long to import.
+"""The server that children are forked from, since their libraries take long to import.
 
-The server has imported the modules that all children need, with every thread pool limited to one thread; one of them is
+It has imported the modules that all children need, with every thread pool limited to one thread; one of them is
 qpsolvers, which imports every library that it finds. Nothing is imported from the working folder, where a file
 ``queue.py`` or a folder ``solvers`` would come first.
 """
 
-import multiprocessing
 import os
 import sys
 import tempfile
 import threading
 from collections.abc import Iterable
 from multiprocessing import forkserver
-from multiprocessing.connection import Connection
-from multiprocessing.reduction import recv_handle, send_handle
 
 from bench.messages.task import RaceError
-from bench.processes.child_process import Child, serve
 from solvers.registry import FAMILIES, Entry
 
 THREAD_VARIABLES = (
@@ -27,7 +23,7 @@ THREAD_VARIABLES = (
     "VECLIB_MAXIMUM_THREADS",
     "NUMEXPR_NUM_THREADS",
 )
-PRELOADED = ("bench.processes.forked_child", "bench.processes.worker", "bench.problems.foreign", "solvers.core")
+PRELOADED = ("bench.processes.child_process", "bench.processes.worker", "bench.problems.foreign", "solvers.core")
 """Modules that the server always imports; it ignores missing ones."""
 
 
@@ -61,31 +57,3 @@ def warm_up(entries: Iterable[Entry] = (), modules: Iterable[str] = ()) -> None:
             for name in own:
                 del os.environ[name]
             os.environ.update(before)
-
-
-class ForkedChild(Child):
-    """A child of the server."""
-
-    def _start(self, lent: Connection, alive: Connection) -> None:
-        assert self._connection is not None
-        warm_up()
-        self._process = multiprocessing.get_context("forkserver").Process(
-            target=_serve, daemon=True, args=(lent, alive)
-        )
-        self._process.start()
-        send_handle(self._connection, self._log.fileno(), self._process.pid)
-
-    def _exit_code(self, within_s: float) -> int | None:
-        self._process.join(within_s)
-        return self._process.exitcode
-
-
-def _serve(connection: Connection, alive: Connection) -> None:
-    """Serve the parent, and redirect output to the parent's file."""
-    try:
-        sink = recv_handle(connection)
-    except EOFError:  # the parent has already ended
-        return
-    os.dup2(sink, 1)
-    os.dup2(sink, 2)
-    serve(connection, alive)
