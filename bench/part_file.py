@@ -20,6 +20,7 @@ from bench.messages.columns import named, schema
 from bench.messages.task import Row
 from bench.race_table import ROWS
 from piezo_model.atomic_file import replacing
+from piezo_model.checks import check
 from piezo_model.json_file import decoded
 
 TIMES = schema(named("task", "timed", "repeat", "what", "ns"))
@@ -28,14 +29,10 @@ NOTES = b"notes"
 """Key of the notes in the metadata of the last batch."""
 
 
-class PartFileError(ValueError):
-    """A file holds no part of a race; the message is one sentence."""
-
-
 class PartFile:
     """The finished tasks of a part and its notes, as they are on disk; a file that is not there has none.
 
-    PartFileError if the file is damaged other than by a process that was killed while it wrote.
+    ValueError if the file is damaged other than by a process that was killed while it wrote.
     """
 
     def __init__(self, path: Path) -> None:
@@ -51,13 +48,12 @@ class PartFile:
                 self._read(pa.ipc.open_stream(content))
             except (pa.ArrowException, OSError, ValueError) as error:
                 if content.read(1):  # of a batch that was not finished nothing is left to read
-                    raise PartFileError(
+                    raise ValueError(
                         f"{path} is damaged ({error}); remove it and resume the run, and its tasks are done again"
                     ) from None
 
     def _read(self, stream: pa.RecordBatchReader) -> None:
-        if not stream.schema.equals(STREAM):
-            raise ValueError("its columns are not those of a race")
+        check(stream.schema.equals(STREAM), "its columns are not those of a race")
         while self.notes is None:
             try:
                 batch, metadata = stream.read_next_batch_with_custom_metadata()

@@ -21,6 +21,7 @@ import shutil
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NotRequired, Self, TypedDict
 
@@ -30,13 +31,14 @@ from pyarrow import parquet
 
 from bench.messages import columns
 from bench.messages.columns import named
-from bench.part_file import STREAM, TIMES, PartFile, PartFileError, times_of
+from bench.part_file import STREAM, TIMES, PartFile, times_of
 from bench.problem_files.program import ProblemFileError
 from bench.problems.protocol import RaceProblem
 from bench.race_table import KEY, ROWS
 from bench.timing import machine
 from piezo_model import json_file
 from piezo_model.atomic_file import replacing, write_text
+from piezo_model.checks import refusing
 from piezo_model.json_file import FileName
 
 VERSION = 7
@@ -100,11 +102,11 @@ class RunFile(TypedDict):
     conditions: NotRequired[Conditions]
 
 
+@dataclass(frozen=True)
 class Run:
     """One run's folder."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    path: Path
 
     @classmethod
     def create(cls, results: Path, settings: Mapping[str, Any], name: str) -> Self:
@@ -281,14 +283,10 @@ class Run:
         path = self.path / file
         if not path.is_file():
             raise RunError(f"{self.path} has no {file}: the run was not finished, so resume it")
-        try:
+        with refusing(RunError, f"{path}: "):
             return columns.read(path, schema, key)
-        except columns.TableError as error:
-            raise RunError(f"{path}: {error}") from None
 
 
 def _part(path: Path) -> PartFile:
-    try:
+    with refusing(RunError):
         return PartFile(path)
-    except PartFileError as error:
-        raise RunError(str(error)) from None

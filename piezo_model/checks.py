@@ -33,6 +33,12 @@ def refusing(error: type[ValueError], label: str = "") -> Iterator[None]:
         raise error(f"{label}{brief(refused)}") from None
 
 
+def check(condition: Any, otherwise: str) -> None:
+    """Raise a ValueError with the sentence unless the condition holds."""
+    if not condition:
+        raise ValueError(otherwise)
+
+
 def instance(kind: type[Any], **arguments: Any) -> None:
     """Require objects of a class."""
     require(lambda value: isinstance(value, kind), f"a {kind.__name__}", **arguments)

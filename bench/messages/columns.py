@@ -21,6 +21,7 @@ import pyarrow.compute as pc
 from pyarrow import parquet
 
 from bench.messages.task import Start, Tier, Timed
+from piezo_model.checks import check, refusing
 from piezo_model.json_file import FileName, decoded
 from solvers.protocol import Lane
 
@@ -67,10 +68,6 @@ PATTERNS = {column: f"^({'|'.join(choices)})$" for column, choices in CHOICES.it
 
 TYPICAL = "median"
 """Of times, those that are known."""
-
-
-class TableError(ValueError):
-    """A file does not hold the expected table; the message is one sentence without its path."""
 
 
 def typical_of_all(values: pd.Series) -> float:
@@ -122,32 +119,28 @@ def combined(rows: pd.DataFrame, columns: Iterable[Column], by: Sequence[str]) -
 
 
 def read(path: Path, expected: pa.Schema, key: Sequence[str] = ()) -> pd.DataFrame:
-    """The columns of a schema from a Parquet file; ``key`` are those that identify a row. TableError if they do not
-    fit."""
+    """The columns of a schema from a Parquet file; ``key`` are those that identify a row. ValueError, without
+    the path, if they do not fit."""
     try:
         with parquet.ParquetFile(path) as file:
-            missing = [column for column in expected.names if column not in file.schema_arrow.names]
-            if missing:
-                raise TableError(f"has no column {missing[0]!r}")
+            for column in expected.names:
+                check(column in file.schema_arrow.names, f"has no column {column!r}")
             table = file.read(expected.names)
     except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
-        raise TableError(f"cannot be read ({error})") from None
-    if key and not table.num_rows:
-        raise TableError("has no rows")
+        raise ValueError(f"cannot be read ({error})") from None
+    check(table.num_rows or not key, "has no rows")
     table = pa.table([_checked(table[field.name], field) for field in expected], expected)
     for column in key:
-        if table[column].null_count:
-            raise TableError(
-                f"column {column!r} is empty in row {pc.index(pc.is_null(table[column]), True).as_py() + 1}"
-            )
+        row = pc.index(pc.is_null(table[column]), True).as_py() + 1
+        check(not row, f"column {column!r} is empty in row {row}")
     frame: pd.DataFrame = table.to_pandas()
     if key and (twice := frame.duplicated(list(key))).any():
-        raise TableError(f"row {int(twice.argmax()) + 1} occurs twice")
+        raise ValueError(f"row {int(twice.argmax()) + 1} occurs twice")
     return frame
 
 
 def _checked(values: pa.ChunkedArray, field: pa.Field) -> pa.ChunkedArray:
-    """The values cast to the type of the field; TableError if they do not fit."""
+    """The values cast to the type of the field; ValueError if they do not fit."""
     column, expected, actual = field.name, field.type, values.type
     fits = (
         pa.types.is_null(actual)
@@ -157,23 +150,20 @@ def _checked(values: pa.ChunkedArray, field: pa.Field) -> pa.ChunkedArray:
         or (pa.types.is_floating(expected) and (pa.types.is_integer(actual) or pa.types.is_floating(actual)))
     )
     try:
-        if not fits:
-            raise pa.ArrowInvalid
+        check(fits, "")
         values = values.cast(expected)
-    except pa.ArrowException:
-        raise TableError(f"column {column!r} has type {actual}, expected {expected}") from None
+    except (ValueError, pa.ArrowException):
+        raise ValueError(f"column {column!r} has type {actual}, expected {expected}") from None
     least = -1 if expected.equals(COUNT) else 0 if {"us", "ns"} & set(column.split("_")) else None
     lowest = (
         None if least is None else pc.min(pc.list_flatten(values) if pa.types.is_list(expected) else values).as_py()
     )
     if lowest is not None and lowest < least:
-        raise TableError(f"column {column!r} holds {lowest:g}, below the least possible value {least}")
+        raise ValueError(f"column {column!r} holds {lowest:g}, below the least possible value {least}")
     if column in ("setting", "settings"):
-        try:
-            _ = [decoded(text, dict[str, Any]) for text in values.unique().to_pylist()]
-        except (ValueError, TypeError) as error:
-            raise TableError(f"column {column!r} holds text that is not settings in JSON: {error}") from None
+        with refusing(ValueError, f"column {column!r} holds text that is not settings in JSON: "):
+            _ = [decoded(text or "", dict[str, Any]) for text in values.unique().to_pylist()]
     if column in PATTERNS and (at := pc.index(pc.match_substring_regex(values, PATTERNS[column]), False).as_py()) >= 0:
         expected = f"one of {', '.join(CHOICES[column])}" if column in CHOICES else "a name for a file"
-        raise TableError(f"column {column!r} holds {values[at].as_py()!r:.60} in row {at + 1}, not {expected}")
+        raise ValueError(f"column {column!r} holds {values[at].as_py()!r:.60} in row {at + 1}, not {expected}")
     return values

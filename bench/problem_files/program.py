@@ -14,8 +14,10 @@ import numpy as np
 from qpsolvers import Problem
 from scipy.sparse import csc_matrix, vstack
 
+from piezo_model import checks
 from solvers.arrays import Vector
 
+check = checks.check
 INFINITY = 1e20
 """Smallest magnitude that means infinity."""
 SYMMETRY = 1e-12
@@ -39,12 +41,6 @@ def copied(qp: Problem) -> Problem:
 
 class ProblemFileError(ValueError):
     """An invalid program file; the message is one sentence that begins with the path."""
-
-
-def check(condition: Any, otherwise: str) -> None:
-    """ValueError with the sentence unless the condition holds; :func:`about` adds the file."""
-    if not condition:
-        raise ValueError(otherwise)
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from qpsolvers.exceptions import QPError
 
 import solvers
 from bench.messages import user_cache
-from bench.processes.child_process import Child, LateError, LostError
+from bench.processes.child_process import Child, LostError
 from bench.timing import cores
 from piezo_model import json_file
 from solvers.arrays import Vector
@@ -162,7 +162,7 @@ def _in_process(child: Child, function: Callable[..., T], arguments: tuple[Any, 
     with child:
         try:
             return child.call(HANG_S, _attempt, function, arguments)
-        except (LateError, LostError) as error:
+        except LostError as error:
             return NotCertified(f"the process that reads and proves it ended with {error}")
 
 

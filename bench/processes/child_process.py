@@ -33,16 +33,16 @@ LAST_BYTES = 10_000
 """Length of the end of a child's output that is searched for its last line."""
 
 
-class LateError(Exception):
-    """The child did not answer in time and was ended."""
-
-
 class LostError(Exception):
     """The child ended before it answered; the message says how, and ``last_words`` is its last line of output."""
 
     def __init__(self, message: str, last_words: str = "") -> None:
         super().__init__(message)
         self.last_words = last_words
+
+
+class LateError(LostError):
+    """The child did not answer in time and was ended."""
 
 
 class Child:

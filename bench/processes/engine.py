@@ -41,14 +41,24 @@ class Workers:
 
     def check(self) -> None:
         """RaceError if these workers cannot be had."""
-        if self.backend == "dask" and not self.scheduler:
-            raise RaceError("the backend dask needs the address of a scheduler, --scheduler tcp://host:8786")
-        if self.backend == "dask" and self.count > 1:
-            raise RaceError("--workers is for this machine; a Dask cluster has its own number of workers")
-        if self.backend == "local" and self.scheduler:
-            raise RaceError("--scheduler needs --backend dask")
-        if self.backend == "local" and self.count > len(cores.usable()):
-            raise RaceError(f"{self.count} workers need a core each, and this machine has {len(cores.usable())}")
+        there, is_dask = len(cores.usable()), self.backend == "dask"
+        for wrong, why in (
+            (
+                is_dask and not self.scheduler,
+                "the backend dask needs the address of a scheduler, --scheduler tcp://host:8786",
+            ),
+            (
+                is_dask and self.count > 1,
+                "--workers is for this machine; a Dask cluster has its own number of workers",
+            ),
+            (not is_dask and self.scheduler, "--scheduler needs --backend dask"),
+            (
+                not is_dask and self.count > there,
+                f"{self.count} workers need a core each, and this machine has {there}",
+            ),
+        ):
+            if wrong:
+                raise RaceError(why)
 
     @property
     def is_single(self) -> bool:

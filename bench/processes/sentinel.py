@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.processes.child_process import START_LIMIT_S, Child, LateError, LostError
+from bench.processes.child_process import START_LIMIT_S, Child, LostError
 from bench.timing.clock import Effort, no_garbage_collection, time_call
 
 SIZE, TIMES = 32, 64
@@ -68,7 +68,7 @@ class Sentinel(Child):
             if not self.is_running and self.core is not None:
                 self.call(START_LIMIT_S, os.sched_setaffinity, 0, {self.core})
             self.samples.append((time.time(), self.call(START_LIMIT_S, work)))
-        except (LateError, LostError) as error:
+        except LostError as error:
             raise ChildProcessError(f"the process that samples the speed of the core was lost ({error})") from None
 
 

@@ -23,8 +23,6 @@ def entry_of_file(path: str | Path) -> Entry:
     with Child() as child:
         try:
             entry = child.call(START_LIMIT_S, worker.introduce, str(path))
-        except LateError:
-            entry = f"did not load within {START_LIMIT_S:g} s"
         except LostError as error:
             entry = f"ended the process that loaded it with {error}"
     if isinstance(entry, str):
@@ -51,16 +49,12 @@ class SolverChild(Child):
         if self._described is None:
             try:
                 self._described = self.wait(START_LIMIT_S)
-            except LateError:
-                self._described = self._absent(f"its library did not load within {START_LIMIT_S:g} s")
             except LostError as error:
-                self._described = self._absent(f"its library could not be loaded: the process ended with {error}")
+                why = f"its library could not be loaded: the process ended with {error}"
+                self._described = Described(self.entry.name, self.entry.lane, "", "", "", False, absent=why)
             if self._described.absent:
                 self.close()
         return self._described
-
-    def _absent(self, why: str) -> Described:
-        return Described(self.entry.name, self.entry.lane, "", "", "", False, absent=why)
 
     def ask(self, request: Request) -> Outcome:
         """The outcome of a request; a crash or a timeout of the process is an outcome, too."""
