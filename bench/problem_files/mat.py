@@ -11,7 +11,6 @@ Source: I. Maros, C. Mészáros, "A repository of convex quadratic programming p
 
 import zlib
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.io.matlab import MatReadError
@@ -47,7 +46,16 @@ def read_mat(path: Path) -> ReadProgram:
         for name, value in variables.items()
         if issparse(value) or getattr(value, "dtype", np.dtype(object)).kind in "biufc"
     }
-    variables = {name: _sound(name, variables[name]) for name in fields if name in variables}
+    variables = {
+        name: doubles(
+            name,
+            compressed_columns(name, value.data, value.indices, value.indptr, value.shape)
+            if issparse(value)
+            else value,
+        )
+        for name, value in variables.items()
+        if name in fields
+    }
     q, P = vector("q", variables["q"]), csc_matrix(variables["P"])
     d = q.size
     C = csc_matrix(variables["A"]) if "A" in variables else csc_matrix((0, d))
@@ -68,10 +76,3 @@ def read_mat(path: Path) -> ReadProgram:
     qp = checked(two_sided(P, q, rows[others], l[others], u[others], lb, ub))
     refuse_unread(shapes, (*fields, "m", "n"), d, {l.size, u.size}, "l <= A x <= u")
     return ReadProgram(qp, constant)
-
-
-def _sound(name: str, value: Any) -> Any:
-    """A variable as doubles, dense or sparse; ValueError if it is not a valid numeric matrix."""
-    if issparse(value):
-        value = compressed_columns(name, value.data, value.indices, value.indptr, value.shape)
-    return doubles(name, value)

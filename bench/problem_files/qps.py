@@ -53,10 +53,7 @@ def read_qps(path: Path) -> ReadProgram:
     with reading, gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb") as file:
         content = file.read(MOST_BYTES + 1)
     check(len(content) <= MOST_BYTES, f"holds more than {MOST_BYTES} bytes of text")
-    try:
-        lines = content.decode("utf-8").splitlines()
-    except UnicodeDecodeError:
-        lines = content.decode("latin-1").splitlines()  # maps every byte to a character, so that names stay distinct
+    lines = content.decode("utf-8", "backslashreplace").splitlines()  # so that names stay distinct
     try:
         return _Reader(fixed=False).read(lines)
     except ValueError:
@@ -198,15 +195,12 @@ class _Reader:
         linear, right, ranges, lower, upper = (
             self.values[name] for name in ("COLUMNS", "RHS", "RANGES", "lower", "upper")
         )
-        rows = {name: i for i, name in enumerate(name for name, kind in self.kinds.items() if kind != "N")}
-        q = _sparse(
-            [(0, self.columns[column], value) for (row, column), value in linear.items() if row == objective], (1, d)
-        ).toarray()[0]
+        rows = {name: i for i, name in enumerate(self.kinds)}
         C = _sparse(
-            [(rows[row], self.columns[column], value) for (row, column), value in linear.items() if row in rows],
-            (len(rows), d),
-        )
-        sides = np.array([_interval(self.kinds[name], right.get(name, 0.0), ranges.get(name)) for name in rows])
+            [(rows[row], self.columns[column], value) for (row, column), value in linear.items()], (len(rows), d)
+        ).tocsr()
+        limited = [name for name, kind in self.kinds.items() if kind != "N"]
+        sides = np.array([_interval(self.kinds[name], right.get(name, 0.0), ranges.get(name)) for name in limited])
         l, u = sides.reshape(-1, 2).T  # noqa: E741
         ub = np.array([upper.get(column, np.inf) for column in self.columns])
         lb = np.array(
@@ -216,7 +210,8 @@ class _Reader:
         if self.seen.get("quadratic") != "QMATRIX":
             elements += [(j, i, value) for i, j, value in elements if i != j]
         check_sides(l=l, u=u, lb=lb, ub=ub)
-        qp = two_sided(sign * _sparse(elements, (d, d)), sign * q, C, l, u, lb, ub)
+        q = sign * C[rows[str(objective)]].toarray()[0]
+        qp = two_sided(sign * _sparse(elements, (d, d)), q, C[[rows[name] for name in limited]], l, u, lb, ub)
         return ReadProgram(checked(qp), -sign * right.get(str(objective), 0.0), sign)
 
 

@@ -24,11 +24,12 @@ from scipy.sparse import csc_matrix, diags
 
 from bench.problem_files import READERS, ReadProgram, read, suffix_of
 from bench.problem_files.npz import opened, unpacked_program
-from bench.problem_files.program import about, check, checked
+from bench.problem_files.program import checked
 from bench.problem_files.qpbenchmark_set import read_test_set
 from bench.problems.equilibration import equilibrated
 from bench.problems.proofs import isolated, proof, proven, require_size
 from bench.problems.protocol import CertifiedForm, ProblemSet, ProblemSetError, RaceProblem
+from piezo_model.checks import refusing
 from piezo_model.identification_problem import Scaling
 from solvers.certificate import WORK, NotCertified
 
@@ -46,11 +47,8 @@ class ForeignPrograms(ProblemSet):
 
     def __init__(self, seed: int = 0, **options: str) -> None:
         super().__init__(seed, **options)
-        try:
+        with refusing(ProblemSetError, "work: "):
             self.work = float(self.options.get("work", WORK))
-            check(self.work >= 1.0, "")
-        except ValueError:
-            raise ProblemSetError(f"work must be a number of bit operations, not {self.options['work']!r}") from None
 
     def names(self) -> Sequence[str]:
         """Names of the programs."""
@@ -79,13 +77,14 @@ def certified(set_name: str, name: str, read: Source, work: float) -> RaceProble
             raise NotCertified(next(iter(wrong.values())))
         return replace(source, set_name=set_name, name=name)
     require_size(source.qp)
-    scaled, unit, cost = equilibrated(source.qp)
+    qp = checked(source.qp)
+    scaled, unit, cost = equilibrated(qp)
     of_scaled = proof(scaled, work=work)
-    of_raw = proof(source.qp, lambda _: unit * np.array(of_scaled.x), work)
+    of_raw = proof(qp, lambda _: unit * np.array(of_scaled.x), work)
     units, ones = (csc_matrix(diags(diagonal)) for diagonal in (unit, np.ones(unit.size)))
     forms: dict[Scaling, CertifiedForm] = {
         "scaled": CertifiedForm(scaled, cost * source.constant, units, of_scaled, cost_unit=cost),
-        "raw": CertifiedForm(source.qp, source.constant, ones, of_raw, cost_unit=1.0),
+        "raw": CertifiedForm(qp, source.constant, ones, of_raw, cost_unit=1.0),
     }
     return RaceProblem(set_name, name, forms, sense=source.sense)
 
@@ -146,7 +145,7 @@ class QpbenchmarkTestSet(ForeignPrograms):
 
     def sources(self) -> Sequence[tuple[str, Source]]:
         """The problems of the test set."""
-        return [(name, partial(_checked, f"{self.path}: {name}", qp)) for name, qp in self._programs]
+        return [(name, partial(ReadProgram, qp)) for name, qp in self._programs]
 
 
 class Boxes(ForeignPrograms):
@@ -162,11 +161,6 @@ class Boxes(ForeignPrograms):
         with opened(BOXES) as arrays:
             names = dict.fromkeys(key.partition("/")[0] for key in arrays)
             return [(name, partial(ReadProgram, unpacked_program(arrays, f"{name}/"))) for name in names]
-
-
-def _checked(where: str, qp: Problem) -> ReadProgram:
-    with about(where):
-        return ReadProgram(checked(qp))
 
 
 def _of_file(path: Path) -> ReadProgram | RaceProblem:

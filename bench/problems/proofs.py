@@ -16,7 +16,7 @@ import warnings
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any, TypeVar
 
 import numpy as np
@@ -35,22 +35,16 @@ from solvers.exact.problem import DoubleProblem
 
 T = TypeVar("T")
 
-VERSION = 3
+VERSION = 4
 """Cache version; raise it when the format of a proof or what is refused changes."""
 STARTERS = ("clarabel", "piqp", "highs", "daqp", "quadprog")
 """Solvers that compute a start, in order of preference, for programs with more than bounds."""
 LARGEST = 4_000_000
 """Largest number of elements of a proof's dense optimality system; each becomes an integer of many digits."""
+CACHED: Any = Certificate | str
+"""Content of a file: the proof, or the reason why there is none."""
 HANG_S = 3600.0
 """Time limit of a call; no proof takes that long."""
-
-
-@dataclass(frozen=True)
-class CachedProof:
-    """Content of a file: the proof, or the reason why there is none."""
-
-    proof: Certificate | None
-    refusal: str = ""
 
 
 def start(qp: Problem) -> Vector:
@@ -59,8 +53,7 @@ def start(qp: Problem) -> Vector:
         solver = solvers.get("box_active_set")
         with suppress(ValueError):  # it refuses an unbounded program, and the proof says why
             solver.setup(qp)
-            answer = np.array(solver.solve())
-            return answer if np.isfinite(answer).all() else np.zeros(qp.q.size)
+            return np.nan_to_num(solver.solve())
     for name in STARTERS:
         if name in qpsolvers.available_solvers:
             try:
@@ -100,21 +93,20 @@ def proof(qp: Problem, begin: Callable[[Problem], Vector] = start, work: float =
         raise NotCertified(str(error)) from None
     key = hashlib.sha256(json.dumps([VERSION, work, data]).encode()).hexdigest()
     path = user_cache.folder("proofs") / f"{key}.json"
+    found: Certificate | str
     try:
-        cached = json_file.read(path, CachedProof)
-        if cached.proof is not None:
-            verify(qp, cached.proof)
-        elif not cached.refusal:
-            raise ValueError(f"{path} holds neither a proof nor a reason")
+        found = json_file.read(path, CACHED)
+        if isinstance(found, Certificate):
+            verify(qp, found)
     except (ValueError, NotCertified):  # no file, a damaged one, or that of another program
         try:
-            cached = CachedProof(certify(qp, begin(qp), work=work))
+            found = certify(qp, begin(qp), work=work)
         except NotCertified as error:
-            cached = CachedProof(None, str(error))
-        user_cache.keep(path, json.dumps(asdict(cached)))
-    if cached.proof is None:
-        raise NotCertified(cached.refusal)
-    return cached.proof
+            found = str(error)
+        user_cache.keep(path, json.dumps(found if isinstance(found, str) else asdict(found)))
+    if isinstance(found, str):
+        raise NotCertified(found)
+    return found
 
 
 def isolated(function: Callable[..., T], *arguments: Any) -> T:

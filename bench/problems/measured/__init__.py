@@ -8,7 +8,7 @@ neighbouring window.
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TypedDict
+from typing import ClassVar, TypedDict
 
 import numpy as np
 
@@ -30,21 +30,17 @@ class Measured(ProblemSet):
         "recordings of three real actuators at the paper's orders (n = 5, m = 3, an offset), the last fifth held out"
     )
 
+    files: ClassVar = {path.stem: path for path in sorted(FOLDER.glob("*.npz"))}
+
     def names(self) -> Sequence[str]:
         """Names of the recordings."""
-        return [path.stem for path in _files()]
+        return [*self.files]
 
     def problems(self) -> Iterator[RaceProblem]:
         """Certify the program of each recording."""
-        for path in _files():
-            if path.stem not in self.selected:
-                continue
-            (*neighbours, problem), validation = read(path, self.seed)
-            yield certified(self.name, path.stem, problem, validation, neighbours=neighbours)
-
-
-def _files() -> list[Path]:
-    return sorted(FOLDER.glob("*.npz"))
+        for name in filter(self.selected.__contains__, self.files):
+            (*neighbours, problem), validation = read(self.files[name], self.seed)
+            yield certified(self.name, name, problem, validation, neighbours=neighbours)
 
 
 class RecordingMeta(TypedDict):
