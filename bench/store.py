@@ -38,7 +38,7 @@ from bench.race_table import KEY, ROWS
 from bench.timing import machine
 from piezo_model import json_file
 from piezo_model.atomic_file import replacing, write_text
-from piezo_model.checks import refusing
+from piezo_model.checks import check, refusing
 from piezo_model.json_file import FileName
 
 VERSION = 7
@@ -114,36 +114,39 @@ class Run:
 
         It is created under a temporary name and renamed, so that every run with a name can be resumed.
         """
-        if not name or not name.isprintable() or Path(name).name != name or name.startswith((".", "-")):
-            raise RunError(f"the name of a run must be one line without a slash or a leading dot or dash, not {name!r}")
+        check(
+            name and name.isprintable() and Path(name).name == name and not name.startswith((".", "-")),
+            f"the name of a run must be one line without a slash or a leading dot or dash, not {name!r}",
+            RunError,
+        )
         run = cls(results / name)
-        if run.path.exists():
-            raise RunError(f"{run.path} already exists; give another name or resume it")
-        try:
-            results.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryDirectory(prefix=f".{name}.", dir=results) as temporary:
-                new = Path(temporary, "run")
-                for folder in ("problems", "parts"):
-                    (new / folder).mkdir(parents=True)
-                write_text(new / "run.json", json.dumps({**settings, "version": VERSION}, indent=1) + "\n")
-                new.rename(run.path)
-        except OSError as error:
-            raise RunError(f"{run.path} cannot be made ({error.strerror})") from None
+        check(not run.path.exists(), f"{run.path} already exists; give another name or resume it", RunError)
+        results.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=f".{name}.", dir=results) as temporary:
+            new = Path(temporary, "run")
+            for folder in ("problems", "parts"):
+                (new / folder).mkdir(parents=True)
+            write_text(new / "run.json", json.dumps({**settings, "version": VERSION}, indent=1) + "\n")
+            new.rename(run.path)
         return run
 
     @classmethod
     def open(cls, path: Path) -> Self:
         """Open an existing run of this version; one without a version is of version 1."""
-        if not (path / "run.json").is_file():
-            raise RunError(f"{path} is not a run folder: it has no run.json")
-        run = cls(path)
-        if links := [folder for folder in path.iterdir() if folder.is_symlink() and folder.is_dir()]:
-            raise RunError(f"{links[0]} is a link to another folder, and a run keeps its files in its own; replace it")
-        if (version := json_file.read(path / "run.json", dict[str, Any], RunError).get("version", 1)) != VERSION:
-            raise RunError(
-                f"{path / 'run.json'}: version {version!r:.60} is not {VERSION}, the one this program reads; race again"
+        check((path / "run.json").is_file(), f"{path} is not a run folder: it has no run.json", RunError)
+        for folder in filter(Path.is_symlink, path.iterdir()):
+            check(
+                not folder.is_dir(),
+                f"{folder} is a link to another folder, and a run keeps its files in its own; replace it",
+                RunError,
             )
-        return run
+        version = json_file.read(path / "run.json", dict[str, Any], RunError).get("version", 1)
+        check(
+            version == VERSION,
+            f"{path / 'run.json'}: version {version!r:.60} is not {VERSION}, the one this program reads; race again",
+            RunError,
+        )
+        return cls(path)
 
     def discard(self) -> None:
         """Remove the folder of a race that was refused, unless a task is done."""
@@ -188,10 +191,11 @@ class Run:
     def problem(self, problem_set: str, name: str) -> RaceProblem:
         """Load a problem of the run; RunError if its file is missing or damaged."""
         path = self.problem_path(problem_set, name)
-        if not path.is_file():
-            raise RunError(
-                f"{path} is missing, or not accessible from {os.uname().nodename}, so the problem cannot be raced"
-            )
+        check(
+            path.is_file(),
+            f"{path} is missing, or not accessible from {os.uname().nodename}, so the problem cannot be raced",
+            RunError,
+        )
         try:
             return RaceProblem.load(path)
         except ProblemFileError as error:
@@ -240,18 +244,21 @@ class Run:
         """The machines that made rows, with their versions and instruction sets, by the column ``machine``."""
         folder = self.path / "machines"
         machines = {path: json_file.read(path, Machine, RunError) for path in sorted(folder.glob("[!.]*.json"))}
-        if changed := [path for path, host in machines.items() if machine.key(host) != path.stem]:
-            raise RunError(f"{changed[0]}: does not match the digest in its name; restore it, or race again")
-        if not machines:
-            raise RunError(f"{folder} describes no machine of this run")
+        for path, host in machines.items():
+            check(
+                machine.key(host) == path.stem,
+                f"{path}: does not match the digest in its name; restore it, or race again",
+                RunError,
+            )
+        check(machines, f"{folder} describes no machine of this run", RunError)
         return {path.stem: host for path, host in machines.items()}
 
     def check_machines(self, rows: pd.DataFrame, file: str) -> None:
         """RunError unless each machine that made the rows is described."""
-        if unknown := sorted(set(rows.machine).difference(self.machines)):
+        for unknown in sorted(set(rows.machine).difference(self.machines)):
             raise RunError(
-                f"{self.path / file}: column 'machine' has {unknown[0]!r}, and {self.path / 'machines'} has "
-                f"no {unknown[0]}.json; restore it, or race again"
+                f"{self.path / file}: column 'machine' has {unknown!r}, and {self.path / 'machines'} has "
+                f"no {unknown}.json; restore it, or race again"
             )
 
     @property
@@ -281,8 +288,7 @@ class Run:
 
     def _table(self, file: str, schema: pa.Schema, key: Sequence[str] = ()) -> pd.DataFrame:
         path = self.path / file
-        if not path.is_file():
-            raise RunError(f"{self.path} has no {file}: the run was not finished, so resume it")
+        check(path.is_file(), f"{self.path} has no {file}: the run was not finished, so resume it", RunError)
         with refusing(RunError, f"{path}: "):
             return columns.read(path, schema, key)
 

@@ -33,10 +33,10 @@ def refusing(error: type[ValueError], label: str = "") -> Iterator[None]:
         raise error(f"{label}{brief(refused)}") from None
 
 
-def check(condition: Any, otherwise: str) -> None:
-    """Raise a ValueError with the sentence unless the condition holds."""
+def check(condition: Any, otherwise: str, error: type[Exception] = ValueError) -> None:
+    """Raise an error with the sentence unless the condition holds."""
     if not condition:
-        raise ValueError(otherwise)
+        raise error(otherwise)
 
 
 def instance(kind: type[Any], **arguments: Any) -> None:

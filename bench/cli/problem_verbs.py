@@ -26,11 +26,12 @@ from bench.cli.options import (
     set_options,
 )
 from bench.problem_files import ProblemFileError, npz, qpbenchmark_set, read
-from bench.problems import ProblemSet, ProblemSetError, RaceProblem, all_sets, check_options, make
+from bench.problems import ProblemSetError, RaceProblem, all_sets, check_options, make
 from bench.problems.proofs import isolated, require_size, start
 from bench.report.console import print_result, progress_bar
 from bench.report.words import by_heading
 from piezo_model.atomic_file import write_text
+from piezo_model.checks import check
 from solvers import certificate, certificate_document
 from solvers.arrays import Vector
 from solvers.exact.linear_algebra import WORK, OutOfWork, nearest_double
@@ -74,7 +75,16 @@ def problems_verb(
             ("verify", "export", "limit", "seed", *OPTIONS),
             "needs problems; name a --set, or a folder with --from",
         )
-        sets = [(name, _count(cls), cls.description) for name, cls in sorted(all_sets().items())]
+        sets = [
+            (
+                name,
+                f"needs {', '.join(f'--{option}' for option in cls.needs)}".replace("_", "-")
+                if cls.needs
+                else str(len(cls().names())),
+                cls.description,
+            )
+            for name, cls in all_sets().items()
+        ]
         of_sets = ("set", "problems", "what it is for")
         print_result(by_heading(of_sets, sets), [], as_json, (of_sets, sets, 3))
         return
@@ -96,11 +106,9 @@ def problems_verb(
             if export is not None:
                 problem.save(export / f"{problem.set_name}--{problem.name}.npz")
                 exported[problem.set_name].append(not isinstance(next(iter(problem.forms.values())).qp.P, np.ndarray))
-    test_sets = (
-        [qpbenchmark_set.write_test_set(export, name, any(sparse)) for name, sparse in exported.items()]
-        if export
-        else []
-    )
+    test_sets = [
+        qpbenchmark_set.write_test_set(export, name, any(sparse)) for name, sparse in exported.items() if export
+    ]
     headings, count = HEADINGS if verify else HEADINGS[:-1], len(rows) + len(left_out)
     lines = [f"Not certified and therefore not raced: {name}: {why}" for name, why in left_out.items()]
     lines += [f"Test set of qpbenchmark: {path}" for path in test_sets]
@@ -111,19 +119,9 @@ def problems_verb(
         )
     document = {"problems": by_heading(headings, rows), "left_out": dict(left_out), "test_sets": test_sets}
     print_result({**document, "failures": failures}, lines, as_json, (headings, rows, 2))
-    if not rows:
-        raise ProblemSetError(f"there is no certified problem in {source or problem_set}")
-    if failures:
-        more = f" and {len(failures) - 1} more" if len(failures) > 1 else ""
-        raise ProblemSetError(f"not every proof holds: {failures[0]}{more}")
-
-
-def _count(cls: type[ProblemSet]) -> str:
-    return (
-        "needs " + ", ".join(f"--{option.replace('_', '-')}" for option in cls.needs)
-        if cls.needs
-        else str(len(cls().names()))
-    )
+    check(rows, f"there is no certified problem in {source or problem_set}", ProblemSetError)
+    more = f" and {len(failures) - 1} more" if len(failures) > 1 else ""
+    check(not failures, f"not every proof holds: {''.join(failures[:1])}{more}", ProblemSetError)
 
 
 def _problems(
@@ -133,10 +131,9 @@ def _problems(
     if source is None:
         made = make(str(problem_set), seed, options)
         return made.problems(), made.left_out, len(made.names())
-    if not source.is_dir():
-        raise ProblemSetError(f"{source}: is not a folder")
+    check(source.is_dir(), f"{source}: is not a folder", ProblemSetError)
     files = sorted(source.glob("*.npz"))
-    loaded = (RaceProblem.load(path) for path in files)
+    loaded = map(RaceProblem.load, files)
     return (problem for problem in loaded if problem_set in (None, problem.set_name)), {}, len(files)
 
 
@@ -144,14 +141,11 @@ def _described(problem: RaceProblem) -> tuple[str, ...]:
     form = next(iter(problem.forms.values()))
     rows = sum(side.size for side in (form.qp.h, form.qp.b) if side is not None)
     condition = f"{form.condition:.1e}" if form.condition < float("inf") else "singular"
-    optimum, point = repr(problem.optimum), _point(form.certificate)
-    return problem.name, optimum, point, str(problem.d), str(rows), condition, f"{form.yardstick:.3g}"
-
-
-def _point(proof: certificate.Certificate) -> str:
-    if proof.convexity_shift:
-        return f"of P + {proof.convexity_shift:.0e} I, since rounding left P indefinite"
-    return {True: "unique", False: "not unique", None: "uniqueness undecided"}[proof.unique]
+    point = {True: "unique", False: "not unique", None: "uniqueness undecided"}[form.certificate.unique]
+    if shift := form.certificate.convexity_shift:
+        point = f"of P + {shift:.0e} I, since rounding left P indefinite"
+    numbers = (str(problem.d), str(rows), condition, f"{form.yardstick:.3g}")
+    return problem.name, repr(problem.optimum), point, *numbers
 
 
 def certify_verb(

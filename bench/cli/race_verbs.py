@@ -274,9 +274,7 @@ def _resumable(run: Path, code: Iterable[str]) -> Iterator[None]:
 def _finish(run: Run, workers: engine.Workers, as_json: bool) -> None:
     with progress_bar() as progress:
         carry_on(run, progress, workers)
-        progress("writing the report", 0, 1)
-        written = write(run)
-    _show(run, *written, as_json)
+    report_verb(run.path, as_json)
 
 
 def _show(run: Run, report: Report, path: Path, as_json: bool) -> None:

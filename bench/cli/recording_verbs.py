@@ -1,6 +1,7 @@
 """Verbs for recordings: ``excite`` writes a drive to record, from which everything in a model can be determined;
 ``inspect`` shows how a recording is read, before it is used."""
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -118,31 +119,38 @@ def inspect_verb(
         console.print(opened.describe() if opened else f"{table.path}: {table.form}")
         print_table(
             ("column", "name", "unit", "from", "to", "role"),
-            [(str(c["number"]), str(c["name"]), shown(str(c["unit"])), *_range(c), str(c["role"])) for c in columns],
+            [
+                (
+                    str(c["number"]),
+                    c["name"],
+                    shown(c["unit"]),
+                    *([quantity(end, "") for end in c["range"]] if c["range"] else ["", ""]),
+                    c["role"],
+                )
+                for c in columns
+            ],
             left_aligned=2,
         )
     if refused:
         raise refused
 
 
-def _columns(table: Table, opened: Recording | None) -> list[dict[str, object]]:
+def _columns(table: Table, opened: Recording | None) -> list[dict[str, Any]]:
     """All columns with their ranges; once the roles are settled, only the ranges of those columns are known."""
-    roles = {} if opened is None else {name: role for role, name in opened.columns.items()}
-    spans = {} if opened is None else {"input": opened.x_range, "output": opened.y_range}
-    if opened is None:
-        try:
-            heads = table.heads(
-                [
-                    k
-                    for k, column in enumerate(table.columns)
-                    if column.kind == "number" and column.rows == table.columns[0].rows
-                ],
-            )
-        except RecordingError:  # reported at the end
-            heads = {}
-        ranges = {k: (float(head.min()), float(head.max())) for k, head in heads.items() if head.size}
-    else:
+    roles, ranges = dict[str, str](), dict[int, tuple[float, float]]()
+    if opened is not None:
+        roles = {name: role for role, name in opened.columns.items()}
+        spans = {"input": opened.x_range, "output": opened.y_range}
         ranges = {k: spans[roles[name]] for k, name in enumerate(table.names) if roles.get(name) in spans}
+    else:
+        numbers = [
+            k
+            for k, column in enumerate(table.columns)
+            if column.kind == "number" and column.rows == table.columns[0].rows
+        ]
+        with suppress(RecordingError):  # reported at the end
+            heads = table.heads(numbers)
+            ranges = {k: (float(head.min()), float(head.max())) for k, head in heads.items() if head.size}
     return [
         {
             "number": k + 1,
@@ -154,8 +162,3 @@ def _columns(table: Table, opened: Recording | None) -> list[dict[str, object]]:
         }
         for k, column in enumerate(table.columns)
     ]
-
-
-def _range(column: dict[str, object]) -> tuple[str, str]:
-    span = column["range"]
-    return (quantity(span[0], ""), quantity(span[1], "")) if isinstance(span, tuple) else ("", "")

@@ -1,10 +1,8 @@
 """A missed answer as a file: the program, the answer, the proven optimum, and what the solver was set to."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from qpsolvers import Problem
@@ -12,11 +10,8 @@ from qpsolvers import Problem
 from bench.problem_files.npz import opened, packed_program, unpacked_program
 from piezo_model.atomic_file import replacing
 from piezo_model.json_file import decoded
-from solvers import Lane, get
+from solvers import Lane, Solver, get
 from solvers.arrays import Vector
-
-if TYPE_CHECKING:
-    from solvers.protocol import Solver
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ package qpbenchmark, class ``TestSet``). It is a user's code, so :func:`read_tes
 written test set does not depend on this package and has each problem in each scaling.
 """
 
-import logging
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -78,7 +77,6 @@ def read_test_set(path: str) -> list[tuple[str, Problem]]:
     folder, module = Path(path).parent, Path(path).stem
     name = module.title().replace("_", "")
     sys.path.append(str(folder))  # as qpbenchmark does, for modules beside the file
-    logging.disable(logging.WARNING)  # it warns about every solver without settings
     try:
         loaded = import_module(module)
         programs = [

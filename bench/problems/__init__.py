@@ -6,6 +6,7 @@ import pkgutil
 from collections.abc import Iterable, Mapping, Sequence
 
 from bench.problems.protocol import ProblemSet, ProblemSetError, RaceProblem
+from piezo_model.checks import check
 
 __all__ = ["ProblemSet", "ProblemSetError", "RaceProblem", "all_sets", "check_options", "find", "make", "sets"]
 
@@ -28,8 +29,7 @@ def sets() -> dict[str, type[ProblemSet]]:
 def find(name: str) -> type[ProblemSet]:
     """The problem set of that name; ProblemSetError lists the known ones."""
     known = all_sets()
-    if name not in known:
-        raise ProblemSetError(f"there is no problem set {name!r}; known are {', '.join(sorted(known))}")
+    check(name in known, f"there is no problem set {name!r}; known are {', '.join(known)}", ProblemSetError)
     return known[name]
 
 
@@ -53,11 +53,13 @@ def make(name: str, seed: int = 0, options: Mapping[str, str] | None = None) -> 
 
 def check_options(names: Sequence[str], options: Iterable[str]) -> None:
     """ProblemSetError for an unknown set, or an option that none of the sets has."""
-    chosen = [find(name) for name in names]
+    for name in names:
+        find(name)
     for option in options:
-        if not any(option in (*cls.needs, *cls.takes) for cls in chosen):
-            takers = [name for name, cls in sorted(all_sets().items()) if option in (*cls.needs, *cls.takes)]
-            raise ProblemSetError(
-                f"--{option.replace('_', '-')} is for the problem set {' or '.join(takers)}, and not "
-                f"for {' and '.join(names)}"
-            )
+        takers = {name: cls for name, cls in all_sets().items() if option in (*cls.needs, *cls.takes)}
+        check(
+            not takers.keys().isdisjoint(names),
+            f"--{option.replace('_', '-')} is for the problem set {' or '.join(takers)}, and not "
+            f"for {' and '.join(names)}",
+            ProblemSetError,
+        )

@@ -65,6 +65,6 @@ def _power_of_two(values: Any) -> Any:
 
 def _times(left: Vector, M: Any, right: Vector) -> Any:
     """diag(left) M diag(right), sparse if M is; None without M."""
-    if M is None or isinstance(M, np.ndarray):
-        return None if M is None else left[:, None] * M * right
-    return csc_matrix(diags(left) @ M @ diags(right))
+    if M is None:
+        return None
+    return left[:, None] * M * right if isinstance(M, np.ndarray) else csc_matrix(diags(left) @ M @ diags(right))

@@ -29,7 +29,7 @@ from bench.problem_files.qpbenchmark_set import read_test_set
 from bench.problems.equilibration import equilibrated
 from bench.problems.proofs import isolated, proof, proven, require_size
 from bench.problems.protocol import CertifiedForm, ProblemSet, ProblemSetError, RaceProblem
-from piezo_model.checks import refusing
+from piezo_model.checks import check, refusing
 from piezo_model.identification_problem import Scaling
 from solvers.certificate import WORK, NotCertified
 
@@ -73,8 +73,8 @@ def certified(set_name: str, name: str, read: Source, work: float) -> RaceProble
     """Read a program and prove its optimum in both scalings, or replay the proofs of a saved problem."""
     source = read()
     if isinstance(source, RaceProblem):
-        if wrong := source.wrong_proofs():
-            raise NotCertified(next(iter(wrong.values())))
+        for wrong in source.wrong_proofs().values():
+            raise NotCertified(wrong)
         return replace(source, set_name=set_name, name=name)
     require_size(source.qp)
     qp = checked(source.qp)
@@ -101,8 +101,7 @@ class Foreign(ForeignPrograms):
     def __init__(self, seed: int = 0, **options: str) -> None:
         super().__init__(seed, **options)
         folder = Path(self.options["folder"])
-        if not folder.is_dir():
-            raise ProblemSetError(f"{folder}: is not a folder")
+        check(folder.is_dir(), f"{folder}: is not a folder", ProblemSetError)
         there = sorted(path for path in folder.iterdir() if path.is_file() and not path.name.startswith("."))
         self.files = [path for path in there if suffix_of(path) in READERS]
         self.left_out = {
@@ -110,8 +109,7 @@ class Foreign(ForeignPrograms):
             for path in there
             if suffix_of(path) not in (*READERS, *DOCUMENTS)
         }
-        if not self.files:
-            raise ProblemSetError(f"{folder}: holds no program; programs are read from {', '.join(READERS)}")
+        check(self.files, f"{folder}: holds no program; programs are read from {', '.join(READERS)}", ProblemSetError)
 
     def sources(self) -> Sequence[tuple[str, Source]]:
         """The files; the suffix is part of a name that is there twice."""
@@ -133,8 +131,7 @@ class QpbenchmarkTestSet(ForeignPrograms):
     def __init__(self, seed: int = 0, **options: str) -> None:
         super().__init__(seed, **options)
         self.path = Path(self.options["test_set"])
-        if not self.path.is_file():
-            raise ProblemSetError(f"{self.path}: is not a file")
+        check(self.path.is_file(), f"{self.path}: is not a file", ProblemSetError)
 
     @cached_property
     def _programs(self) -> list[tuple[str, Problem]]:

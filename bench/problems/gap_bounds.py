@@ -14,7 +14,6 @@ values of the terms (Higham, *Accuracy and Stability of Numerical Algorithms*, 2
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.problems.protocol import CertifiedForm
 from solvers.arrays import Matrix, Vector
@@ -70,17 +69,21 @@ def gap_bounds(form: CertifiedForm, P: Matrix, q: Matrix, c: Vector, least: Vect
     gamma, gamma_g = ((n := terms * UNIT) / (1.0 - n) for terms in (4 * d + 16, d + 2))
     with np.errstate(all="ignore"):
         feasible = np.clip(x, lb, ub)
-        delta, g, sizes = feasible - near, _product(P, near) + q, _product(np.abs(P), np.abs(near)) + np.abs(q)
-        gap = _dot(_product(P, delta), delta) / 2.0 + _dot(g, delta)
-        error = gamma * _dot(_product(np.abs(P), np.abs(delta)) / 2.0 + sizes, np.abs(delta))
+        delta, g, sizes = (
+            feasible - near,
+            np.vecdot(P, near[:, None]) + q,
+            np.vecdot(np.abs(P), np.abs(near)[:, None]) + np.abs(q),
+        )
+        gap = np.vecdot(np.vecdot(P, delta[:, None]), delta) / 2.0 + np.vecdot(g, delta)
+        error = gamma * np.vecdot(np.vecdot(np.abs(P), np.abs(delta)[:, None]) / 2.0 + sizes, np.abs(delta))
         uncertain = gamma_g * sizes
         below = np.where(near > lb, g + uncertain, 0.0).clip(min=0.0)
         above = np.where(near < ub, uncertain - g, 0.0).clip(min=0.0)
         scale = scale_of(form)
         r = (1.0 + gamma) * np.linalg.norm(scale * np.maximum(below, above), axis=1)
         lacks, moved = r**2 / (2.0 * least), scale.max() * r / least
-        value, slope = _dot(_product(P, near), near) / 2.0, _dot(q, near)
-        unsure = gamma * (_dot(sizes, np.abs(near)) + np.abs(c)) + lacks
+        value, slope = np.vecdot(np.vecdot(P, near[:, None]), near) / 2.0, np.vecdot(q, near)
+        unsure = gamma * (np.vecdot(sizes, np.abs(near)) + np.abs(c)) + lacks
         if form.cost_unit == 0.0:
             floor = np.maximum(2.0 * UNIT * np.abs(c), np.finfo(float).tiny)
             costs = tuple(np.maximum(value + slope + c + sign * unsure, floor) for sign in (-1.0, 1.0))
@@ -94,11 +97,3 @@ def gap_bounds(form: CertifiedForm, P: Matrix, q: Matrix, c: Vector, least: Vect
     known = (least > 0.0) & np.isfinite(near).all(axis=1) & (costs[0] > 0.0) & (size > moved) & np.isfinite(low + high)
     wrong = ~np.isfinite(x).all(axis=1)
     return np.where(wrong, math.inf, np.where(known, low, 0.0)), np.where(known & ~wrong, high, math.inf)
-
-
-def _product(P: Matrix, x: Matrix) -> Matrix:
-    return np.asarray(np.matmul(P, x[:, :, None])[:, :, 0])
-
-
-def _dot(a: Matrix, b: Matrix) -> NDArray[np.float64]:
-    return np.asarray((a * b).sum(axis=1))

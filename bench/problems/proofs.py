@@ -29,6 +29,7 @@ from bench.messages import user_cache
 from bench.processes.child_process import Child, LostError
 from bench.timing import cores
 from piezo_model import json_file
+from piezo_model.checks import check
 from solvers.arrays import Vector
 from solvers.certificate import WORK, Certificate, NotCertified, certify, verify
 from solvers.exact.problem import DoubleProblem
@@ -54,13 +55,10 @@ def start(qp: Problem) -> Vector:
         with suppress(ValueError):  # it refuses an unbounded program, and the proof says why
             solver.setup(qp)
             return np.nan_to_num(solver.solve())
-    for name in STARTERS:
-        if name in qpsolvers.available_solvers:
-            try:
-                with warnings.catch_warnings(action="ignore"):  # of converted matrices and missing answers
-                    x = qpsolvers.solve_problem(qp, name).x
-            except QPError:  # the next solver may have an answer
-                continue
+    for name in (each for each in STARTERS if each in qpsolvers.available_solvers):
+        # the next solver may have an answer; it warns of converted matrices and missing answers
+        with suppress(QPError), warnings.catch_warnings(action="ignore"):
+            x = qpsolvers.solve_problem(qp, name).x
             if x is not None and np.isfinite(x).all():
                 return np.asarray(x, dtype=np.float64)
     return np.zeros(qp.q.size)
@@ -166,13 +164,14 @@ def _attempt(function: Callable[..., T], arguments: tuple[Any, ...]) -> T | NotC
         return error
     except ValueError as error:  # NaN or a wrong shape in the program's data
         return NotCertified(str(error))
-    except MemoryError:
-        return NotCertified("the proof needs more memory than there is")
 
 
 def require_size(qp: Problem) -> None:
     """NotCertified if a program is too large for dense matrices."""
     d = qp.q.size
     rows = d + sum(right.size for right in (qp.h, qp.b) if right is not None)
-    if rows * d > LARGEST:
-        raise NotCertified(f"{d} variables with {rows - d} rows are too many for exact arithmetic, which is dense")
+    check(
+        rows * d <= LARGEST,
+        f"{d} variables with {rows - d} rows are too many for exact arithmetic, which is dense",
+        NotCertified,
+    )

@@ -16,11 +16,12 @@ import numpy as np
 from qpsolvers import Problem
 
 from bench.problem_files.npz import opened, packed, packed_program, unpacked, unpacked_program
-from bench.problem_files.program import ProblemFileError, doubles
+from bench.problem_files.program import doubles
 from bench.problems import proofs
 from bench.timing.schedule import PERIOD_US
 from piezo_model import HysteresisCreepModel, IdentificationProblem, ModelStructure, OperatorState
 from piezo_model.atomic_file import replacing
+from piezo_model.checks import check
 from piezo_model.identification_problem import Scaling
 from piezo_model.json_file import FileName, decoded
 from solvers.arrays import Matrix, Vector, product
@@ -223,21 +224,18 @@ class RaceProblem:
             meta = decoded(str(data["meta"]), Meta)
             forms: dict[Scaling, CertifiedForm] = {}
             for scaling, text in meta["certificates"].items():
-                qp = unpacked_program(data, f"{scaling}/")
-                starts = {name: unpacked(data, f"{scaling}/{name}_start") for name in STARTS}
+                qp, starts = unpacked_program(data, f"{scaling}/"), {f"{scaling}/{name}_start": name for name in STARTS}
                 windows = [data[f"{scaling}/windows/{name}"] for name in "Pqc" if f"{scaling}/windows/P" in data.files]
-                proof = Certificate.from_json(text) if text else proofs.proof(qp)
                 forms[scaling] = CertifiedForm(
                     qp,
                     meta["c"][scaling],
                     unpacked(data, f"{scaling}/to_weights"),
-                    proof,
-                    {name: start for name, start in starts.items() if start is not None},
+                    Certificate.from_json(text) if text else proofs.proof(qp),
+                    {name: unpacked(data, key) for key, name in starts.items() if key in data},
                     meta.get("cost_unit", {}).get(scaling, 0.0),
                     tuple(Window(P, q, float(c)) for P, q, c in zip(*windows, strict=True)),
                 )
-            if not forms:
-                raise ProblemFileError(f"{path}: holds no certificate")
+            check(forms, "holds no certificate")
             validation = None
             if "structure" in meta:
                 play, creep, x, y = (doubles(name, data[f"validation/{name}"]) for name in ("play", "creep", "x", "y"))
@@ -326,8 +324,11 @@ class ProblemSet(ABC):
 
     def __init__(self, seed: int = 0, **options: str) -> None:
         for option, what in self.needs.items():
-            if option not in options:
-                raise ProblemSetError(f"the problem set {self.name!r} needs --{option.replace('_', '-')}, {what}")
+            check(
+                option in options,
+                f"the problem set {self.name!r} needs --{option.replace('_', '-')}, {what}",
+                ProblemSetError,
+            )
         self.seed = seed
         self.options = options
         self.left_out: dict[str, str] = {}

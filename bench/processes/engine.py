@@ -19,6 +19,7 @@ from typing import Any, Literal
 from bench.messages.task import ChildSettings, RaceError
 from bench.processes.solver_child import SolverPool
 from bench.timing import cores
+from piezo_model.checks import check
 from solvers.registry import Entry
 
 Backend = Literal["local", "dask"]
@@ -41,24 +42,23 @@ class Workers:
 
     def check(self) -> None:
         """RaceError if these workers cannot be had."""
-        there, is_dask = len(cores.usable()), self.backend == "dask"
-        for wrong, why in (
-            (
-                is_dask and not self.scheduler,
-                "the backend dask needs the address of a scheduler, --scheduler tcp://host:8786",
-            ),
-            (
-                is_dask and self.count > 1,
-                "--workers is for this machine; a Dask cluster has its own number of workers",
-            ),
-            (not is_dask and self.scheduler, "--scheduler needs --backend dask"),
-            (
-                not is_dask and self.count > there,
-                f"{self.count} workers need a core each, and this machine has {there}",
-            ),
-        ):
-            if wrong:
-                raise RaceError(why)
+        is_local, there = self.backend == "local", len(cores.usable())
+        check(
+            is_local or self.scheduler,
+            "the backend dask needs the address of a scheduler, --scheduler tcp://host:8786",
+            RaceError,
+        )
+        check(
+            is_local or self.count == 1,
+            "--workers is for this machine; a Dask cluster has its own number of workers",
+            RaceError,
+        )
+        check(not is_local or not self.scheduler, "--scheduler needs --backend dask", RaceError)
+        check(
+            not is_local or self.count <= there,
+            f"{self.count} workers need a core each, and this machine has {there}",
+            RaceError,
+        )
 
     @property
     def is_single(self) -> bool:
@@ -128,18 +128,18 @@ def check_cores(client: Any, address: str) -> None:
     """RaceError if the cluster has no worker, or a host has more worker threads than cores, some of which would wait
     for ever."""
     members = client.scheduler_info()["workers"]
-    if not members:
-        raise RaceError(f"the Dask cluster at {address} has no worker")
+    check(members, f"the Dask cluster at {address} has no worker", RaceError)
     threads, numbers = Counter[str](), defaultdict[str, set[int]](set)
     for member, (host, usable) in client.run(lambda: (os.uname().nodename, cores.usable())).items():
         threads[host] += members[member]["nthreads"]
         numbers[host].update(usable)
     for host, count in threads.items():
-        if count > len(numbers[host]):
-            raise RaceError(
-                f"{count} Dask workers on {host} need a core each, and they have {len(numbers[host])}; start fewer, "
-                "each with one thread"
-            )
+        check(
+            count <= len(numbers[host]),
+            f"{count} Dask workers on {host} need a core each, and they have {len(numbers[host])}; start fewer, each "
+            "with one thread",
+            RaceError,
+        )
 
 
 # The following functions run in a worker.

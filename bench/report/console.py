@@ -106,15 +106,13 @@ def print_report(
     lines, shown = lines_of(report.verdict), report.terminal or report.table
     if shown is not None and shown.rows:
         lines += ["", *lines_of([f"{shown.title}. {shown.note}" if shown.note else f"{shown.title}:"])]
-    for line in lines:
-        console.print(line)
+    console.print("\n".join(lines))
     if shown is not None and shown.rows:
         rows = shown.rows[: max(LINES - len(lines) - len(below) - AROUND, FEWEST_ROWS)]
         print_table(shown.headings, rows, left_aligned=shown.left_aligned, width=COLUMNS)
         if (more := len((report.table or shown).rows) - len(rows)) > 0:
             console.print(f"{more} more rows are on the page.")
-    for line in [*below, *files]:
-        console.print(line)
+    console.print("\n".join([*below, *files]))
 
 
 def print_json(value: Any) -> None:

@@ -59,8 +59,6 @@ def needed(q: float) -> int:
     >>> [needed(q) for q in QUANTILES]
     [6, 299, 2995, 29956]
     """
-    if not 0.0 < q < 1.0:
-        raise ValueError(f"a percentile must be between 0 and 1, not {q}")
     return next(count for count in itertools.count(1) if q**count + (1.0 - q) ** count <= 1.0 - CONFIDENCE)
 
 

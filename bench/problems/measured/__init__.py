@@ -6,9 +6,10 @@ from the s-th on, so that other seeds have other noise of the same sensor; the f
 neighbouring window.
 """
 
+import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import ClassVar, TypedDict
+from typing import ClassVar
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from bench.problem_files.npz import opened
 from bench.problems.protocol import ProblemSet, RaceProblem, Validation, certified
 from piezo_model import IdentificationProblem, ModelStructure, OperatorState
 from piezo_model.identification_problem import Excitation
-from piezo_model.json_file import decoded
+from piezo_model.json_file import convert
 
 FOLDER = Path(__file__).parent
 
@@ -43,24 +44,17 @@ class Measured(ProblemSet):
             yield certified(self.name, name, problem, validation, neighbours=neighbours)
 
 
-class RecordingMeta(TypedDict):
-    """Metadata beside the arrays."""
-
-    structure: ModelStructure
-    noise_um: float
-    excitation: list[list[Excitation]]
-
-
 def read(path: Path, seed: int) -> tuple[list[IdentificationProblem], Validation]:
     """The programs of a seed, modulo the number of phases, the longest window last, and the unseen data.
 
     A file has the windows of each phase, and of each P the upper triangle, row by row.
     """
     with opened(path) as data:
-        meta = decoded(str(data["meta"]), RecordingMeta)
-        structure, phase = meta["structure"], seed % len(data["c"])
+        meta, phase = json.loads(str(data["meta"])), seed % len(data["c"])
+        structure = convert(meta["structure"], ModelStructure)
+        excitations = convert(meta["excitation"][phase], list[Excitation])
         programs = []
-        for P, q, c, excitation in zip(*(data[name][phase] for name in "Pqc"), meta["excitation"][phase], strict=True):
+        for P, q, c, excitation in zip(*(data[name][phase] for name in "Pqc"), excitations, strict=True):
             upper = np.zeros((structure.d, structure.d))
             upper[np.triu_indices_from(upper)] = P
             programs.append(IdentificationProblem(structure, np.triu(upper, 1).T + upper, q, float(c), excitation))
