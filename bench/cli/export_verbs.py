@@ -82,8 +82,7 @@ def export_c_verb(
     """Write the compensator as C99 for a controller."""
 
     loaded, settings = _opened(model, no_dynamics, name=name, **control, **loop)
-    files = c_source.export(loaded, settings, f"Compensator of {model.name}")
-    building.write_folder(folder, files)
+    building.write_folder(folder, c_source.export(loaded, settings, f"Compensator of {model.name}"))
     learning = f"the self-learning loop ({settings.mode}, {settings.solver})"
     what = learning if settings.learning else "the compensator, without learning"
     console.print(

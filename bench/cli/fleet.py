@@ -80,13 +80,16 @@ def process(
         reasons = [*reasons[:MOST_REFUSED], "… and more in the table."]
     sentences = report.sentences(table, what, others)
     lines = [*lines_of(sentences), *(["Refused:", *reasons] if reasons else []), f"Table: {out_dir}/fleet.csv"]
-    document = {
-        "out_dir": out_dir,
-        "sentences": sentences,
-        "rows": table.to_dict("records"),
-        "not_of_this_run": others,
-    }
-    print_result(document, lines, as_json)
+    print_result(
+        {
+            "out_dir": out_dir,
+            "sentences": sentences,
+            "rows": table.to_dict("records"),
+            "not_of_this_run": others,
+        },
+        lines,
+        as_json,
+    )
     if len(refused):
         raise RecordingError(
             f"{len(refused)} of {len(table)} recordings {'is' if len(refused) == 1 else 'are'} refused; the table "

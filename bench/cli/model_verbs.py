@@ -32,6 +32,7 @@ from bench.deploy.deployment import open_model
 from bench.fleet import jobs
 from bench.fleet.fleet import local, matching
 from bench.processes.engine import Workers
+from bench.report import recording_page
 from bench.report.console import console, print_result, progress_bar
 from bench.report.fit_review import review
 from piezo_model import Recording, checks, recordings
@@ -128,8 +129,6 @@ def identify_verb(
     if page is not None:
         with progress_bar() as progress:
             progress("writing the page", 0, 1)
-            from bench.report import recording_page  # plots take a second to import
-
             recording_page.write(page, Path(several[0].name).name, review(several[0], model))
     selection = model.report.get("selection")
     candidates = [
@@ -152,8 +151,12 @@ def identify_verb(
         f"Model: {out}",
         f"Page: {page}" if page else "",
     ]
-    document = {"model": out, "page": page, "report": dict(model.report)}
-    print_result(document, lines, as_json, *([(CANDIDATES, candidates, 0)] if selection else []))
+    print_result(
+        {"model": out, "page": page, "report": dict(model.report)},
+        lines,
+        as_json,
+        *([(CANDIDATES, candidates, 0)] if selection else []),
+    )
 
 
 def _rates(text: str | None) -> tuple[float, ...] | None:
@@ -202,8 +205,6 @@ def validate_verb(
     check_writable(page, "--page", [*files_of(file, reading), model])
     opened, loaded, result = job.judged(file, Path(model))
     if page is not None:
-        from bench.report import recording_page  # plots take a second to import
-
         recording_page.write(page, Path(opened.name).name, review(opened, loaded, result))
     lines = [opened.describe(), *result.sentences(), f"Page: {page}" if page else ""]
     print_result({"model": model, "page": page, **result.to_dict()}, lines, as_json)

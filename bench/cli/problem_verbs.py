@@ -117,8 +117,17 @@ def problems_verb(
             f"{len(rows)} of {count} problems are certified in every scaling ({100 * len(rows) / count:.0f} %): every "
             "proof holds."
         )
-    document = {"problems": by_heading(headings, rows), "left_out": dict(left_out), "test_sets": test_sets}
-    print_result({**document, "failures": failures}, lines, as_json, (headings, rows, 2))
+    print_result(
+        {
+            "problems": by_heading(headings, rows),
+            "left_out": dict(left_out),
+            "test_sets": test_sets,
+            "failures": failures,
+        },
+        lines,
+        as_json,
+        (headings, rows, 2),
+    )
     check(rows, f"there is no certified problem in {source or problem_set}", ProblemSetError)
     more = f" and {len(failures) - 1} more" if len(failures) > 1 else ""
     check(not failures, f"not every proof holds: {''.join(failures[:1])}{more}", ProblemSetError)

@@ -294,7 +294,12 @@ def _show(run: Run, report: Report, path: Path, as_json: bool) -> None:
     below = lines_of(notes)
     if excluded:
         below += ["", f"Not raced, {len(excluded)} of {len(excluded) + count} problems:", *map(": ".join, excluded)]
-    document = {"run": run.path, "report": path, "page": page, "left_out": dict(excluded), **report.document}
-    print_report(report, document, as_json, below, [f"Page: {page}", f"Report: {path}", *filter(None, [report.failed])])
+    print_report(
+        report,
+        {"run": run.path, "report": path, "page": page, "left_out": dict(excluded), **report.document},
+        as_json,
+        below,
+        [f"Page: {page}", f"Report: {path}", *filter(None, [report.failed])],
+    )
     if report.failed:
         raise typer.Exit(1)

@@ -93,8 +93,13 @@ def compare_verb(
             "-".join(["compare", *(run.path.resolve().name for run in opened)]),
         )
         page = comparison_report.write(compared, result, runs[-1].resolve().parent / name if out is None else out)
-    below, files = lines_of(dict.fromkeys(result.notes)), ["", words.OURS_NOTE, f"Comparison: {page}"]
-    print_report(result, comparison_report.to_dict(compared), as_json, below, files)
+    print_report(
+        result,
+        comparison_report.to_dict(compared),
+        as_json,
+        lines_of(dict.fromkeys(result.notes)),
+        ["", words.OURS_NOTE, f"Comparison: {page}"],
+    )
     bad = sum(pair.differences if fail_on == "difference" else pair.regressions for pair in compared.pairs)
     if fail_on != "nothing" and (bad or any(pair.cannot_tell for pair in compared.pairs)):
         raise typer.Exit(FAILED if bad else UNDECIDED)
@@ -197,8 +202,12 @@ def deploy_verb(
         actuator = actuator_model.model_for(opened, own_model, problem, simulated, source=str(model))
         progress("weighing the solvers", 1, 2)
         period_us = 1e6 * actuator.model.structure.sample_time
-        lanes = tuple(lane or (Lane.KERNEL, Lane.DIRECT))
-        rule = candidates.Rule(accuracy, period_us if deadline is None else deadline, lanes, misses)
+        rule = candidates.Rule(
+            accuracy,
+            period_us if deadline is None else deadline,
+            tuple(lane or (Lane.KERNEL, Lane.DIRECT)),
+            misses,
+        )
         decided = decision.decide(opened, rule)
     made = decided.deployment(actuator)
     made.save(target)

@@ -147,24 +147,20 @@ class _Reader:
         for column in (head, name):
             check(not quadratic or column in self.columns, f"there is no column {column!r}")
         check(quadratic or name in self.kinds, f"there is no row {name!r}")
-        if quadratic:
-            check(
-                self.section == "QMATRIX" or head == name or (name, head) not in self.values["quadratic"],
-                f"the element of {head!r} and {name!r} stands on both sides of the diagonal; that is QMATRIX",
-            )
-            _put(self.values["quadratic"], (head, name), value, "element")
-        elif self.section == "COLUMNS":
+        check(
+            not quadratic or self.section == "QMATRIX" or head == name or (name, head) not in self.values["quadratic"],
+            f"the element of {head!r} and {name!r} stands on both sides of the diagonal; that is QMATRIX",
+        )
+        check(self.section != "RANGES" or self.kinds[name] != "N", f"the row {name!r} is of kind N and has no range")
+        check(
+            self.section != "RHS" or with_infinities(value) != {"L": -np.inf, "G": np.inf}.get(self.kinds[name]),
+            f"no number is {text} or {'below' if value < 0.0 else 'beyond'}, which the row {name!r} asks for",
+        )
+        if self.section == "COLUMNS":
             self.columns.setdefault(head, len(self.columns))
-            _put(self.values["COLUMNS"], (name, head), value, "element")
-        else:
-            check(
-                self.section != "RANGES" or self.kinds[name] != "N", f"the row {name!r} is of kind N and has no range"
-            )
-            check(
-                self.section != "RHS" or with_infinities(value) != {"L": -np.inf, "G": np.inf}.get(self.kinds[name]),
-                f"no number is {text} or {'below' if value < 0.0 else 'beyond'}, which the row {name!r} asks for",
-            )
-            _put(self.values[self.section], name, value, "row")
+        key = {"COLUMNS": (name, head), "RHS": name, "RANGES": name}.get(self.section, (head, name))
+        what = "row" if key == name else "element"
+        _put(self.values["quadratic" if quadratic else self.section], key, value, what)
 
     def _bound(self, kind: str, column: str, text: str) -> None:
         check(column in self.columns, f"there is no column {column!r}")
@@ -211,8 +207,8 @@ class _Reader:
             elements += [(j, i, value) for i, j, value in elements if i != j]
         check_sides(l=l, u=u, lb=lb, ub=ub)
         q = sign * C[rows[str(objective)]].toarray()[0]
-        qp = two_sided(sign * _sparse(elements, (d, d)), q, C[[rows[name] for name in limited]], l, u, lb, ub)
-        return ReadProgram(checked(qp), -sign * right.get(str(objective), 0.0), sign)
+        P, C = sign * _sparse(elements, (d, d)), C[[rows[name] for name in limited]]
+        return ReadProgram(checked(two_sided(P, q, C, l, u, lb, ub)), -sign * right.get(str(objective), 0.0), sign)
 
 
 def _interval(kind: str, b: float, R: float | None) -> tuple[float, float]:
