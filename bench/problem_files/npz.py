@@ -21,6 +21,7 @@ from scipy.sparse import csc_matrix
 from bench.problem_files.program import (
     MOST_BYTES,
     QP_FIELDS,
+    ProblemFileError,
     ReadProgram,
     about,
     check,
@@ -67,7 +68,6 @@ DAMAGED = (
     MemoryError,
     OverflowError,
     struct.error,
-    KeyError,
 )
 """Exceptions of NumPy and zipfile for a damaged file, whose headers are Python literals."""
 
@@ -113,7 +113,10 @@ def opened(path: Path) -> Iterator[Any]:
     reading = about(path, "cannot be read as NPZ: ", DAMAGED)
     with reading, path.open("rb") as file, np.lib.npyio.NpzFile(file) as arrays:
         list(_headers(arrays))  # which checks their sizes, before memory is taken for any of them
-        yield arrays
+        try:
+            yield arrays
+        except KeyError as error:
+            raise ProblemFileError(f"{path}: holds no array {error.args[0]!r}") from None
 
 
 def read_npz(path: Path) -> ReadProgram:
@@ -138,7 +141,14 @@ def read_npz(path: Path) -> ReadProgram:
     fields |= {name: with_infinities(fields[name]) for name in ("h", "lb", "ub") if fields[name] is not None}
     qp = checked(Problem(**fields))
     rows = [side.size for side in (qp.h, qp.b) if side is not None]
-    refuse_unread(_unread_shapes(values), (), qp.q.size, rows, "G x <= h, A x = b, lb <= x <= ub")
+    unread = {key: value for key, value in values.items() if key.partition("/")[0] not in (*QP_FIELDS, *BESIDE)}
+    sparse = {key[:-6]: np.ravel(value).tolist() for key, value in unread.items() if key.endswith("/shape")}
+    dense = {
+        key: value.shape
+        for key, value in unread.items()
+        if value.dtype.kind in "biufc" and key.rpartition("/")[0] not in sparse
+    }
+    refuse_unread(sparse | dense, (), qp.q.size, rows, "G x <= h, A x = b, lb <= x <= ub")
     return ReadProgram(qp, constant)
 
 
@@ -167,16 +177,3 @@ def _headers(arrays: Any) -> Iterator[tuple[str, np.dtype[Any]]]:
             least = 0 if dtype.hasobject else math.prod(shape) * dtype.itemsize
             check(least <= member.file_size, f"{name} is shorter than its header says")
             yield name, dtype
-
-
-def _unread_shapes(values: Mapping[str, Any]) -> dict[str, tuple[int, ...]]:
-    """Shapes of the numbers, or of compressed columns, under names that are neither read nor stored here."""
-    shapes = {}
-    for key, value in values.items():
-        name, _, field = key.rpartition("/")
-        if key.partition("/")[0] not in (*QP_FIELDS, *BESIDE):
-            if name and field in CSC_FIELDS:
-                shapes[name] = tuple(np.ravel(values.get(f"{name}/shape", value)).tolist())
-            elif value.dtype.kind in "biufc":
-                shapes[key] = value.shape
-    return shapes

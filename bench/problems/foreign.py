@@ -29,7 +29,7 @@ from bench.problem_files.qpbenchmark_set import read_test_set
 from bench.problems.equilibration import equilibrated
 from bench.problems.proofs import isolated, proof, proven, require_size
 from bench.problems.protocol import CertifiedForm, ProblemSet, ProblemSetError, RaceProblem
-from piezo_model.checks import check, refusing
+from piezo_model.checks import check
 from piezo_model.identification_problem import Scaling
 from solvers.certificate import WORK, NotCertified
 
@@ -47,8 +47,11 @@ class ForeignPrograms(ProblemSet):
 
     def __init__(self, seed: int = 0, **options: str) -> None:
         super().__init__(seed, **options)
-        with refusing(ProblemSetError, "work: "):
+        try:
             self.work = float(self.options.get("work", WORK))
+            check(self.work >= 1.0, "")
+        except ValueError:
+            raise ProblemSetError(f"work must be a number of bit operations, not {self.options['work']!r}") from None
 
     def names(self) -> Sequence[str]:
         """Names of the programs."""
