@@ -9,7 +9,7 @@ import numpy as np
 import typer
 
 from bench.cli.options import AsJson, check_option, check_writable, positive, reads_a_recording, recording_of
-from bench.report.console import console, print_json, print_result, print_table
+from bench.report.console import console, print_result
 from piezo_model import checks, signals
 from piezo_model.recordings import Recording, RecordingError, opening, write_table
 from piezo_model.recordings.options import ReadOptions
@@ -93,31 +93,31 @@ def inspect_verb(
     except RecordingError as error:
         refused = error
     columns = _columns(table, opened)
-    if as_json:
-        print_json(
-            {
-                "file": table.path,
-                "form": table.form,
-                "columns": columns,
-                "refused": refused and str(refused),
-                **(
-                    {}
-                    if opened is None
-                    else {
-                        "sample_time_s": opened.sample_time,
-                        "samples": opened.length,
-                        "input": opened.columns["input"],
-                        "output": opened.columns["output"],
-                        "time": opened.columns.get("time"),
-                        "guessed": {**opened.reasons, **({"time_unit": "seconds"} if opened.guessed_seconds else {})},
-                        "remarks": opened.remarks,
-                    }
-                ),
-            }
-        )
-    else:
+    if not as_json:
         console.print(opened.describe() if opened else f"{table.path}: {table.form}")
-        print_table(
+    print_result(
+        {
+            "file": table.path,
+            "form": table.form,
+            "columns": columns,
+            "refused": refused and str(refused),
+            **(
+                {}
+                if opened is None
+                else {
+                    "sample_time_s": opened.sample_time,
+                    "samples": opened.length,
+                    "input": opened.columns["input"],
+                    "output": opened.columns["output"],
+                    "time": opened.columns.get("time"),
+                    "guessed": {**opened.reasons, **({"time_unit": "seconds"} if opened.guessed_seconds else {})},
+                    "remarks": opened.remarks,
+                }
+            ),
+        },
+        [],
+        as_json,
+        (
             ("column", "name", "unit", "from", "to", "role"),
             [
                 (
@@ -129,8 +129,9 @@ def inspect_verb(
                 )
                 for c in columns
             ],
-            left_aligned=2,
-        )
+            2,
+        ),
+    )
     if refused:
         raise refused
 

@@ -34,11 +34,6 @@ def fields_of(qp: Problem) -> dict[str, Any]:
     return {name: getattr(qp, name) for name in QP_FIELDS}
 
 
-def copied(qp: Problem) -> Problem:
-    """A copy of a program."""
-    return Problem(*(None if value is None else value.copy() for value in fields_of(qp).values()))
-
-
 class ProblemFileError(ValueError):
     """An invalid program file; the message is one sentence that begins with the path."""
 

@@ -84,12 +84,10 @@ def gap_bounds(form: CertifiedForm, P: Matrix, q: Matrix, c: Vector, least: Vect
         lacks, moved = r**2 / (2.0 * least), scale.max() * r / least
         value, slope = np.vecdot(np.vecdot(P, near[:, None]), near) / 2.0, np.vecdot(q, near)
         unsure = gamma * (np.vecdot(sizes, np.abs(near)) + np.abs(c)) + lacks
+        cost, floor = np.maximum(value, np.abs(slope)), np.full(1, -np.inf)
         if form.cost_unit == 0.0:
-            floor = np.maximum(2.0 * UNIT * np.abs(c), np.finfo(float).tiny)
-            costs = tuple(np.maximum(value + slope + c + sign * unsure, floor) for sign in (-1.0, 1.0))
-        else:
-            cost = np.maximum(value, np.abs(slope))
-            costs = (cost - unsure, cost + unsure)
+            cost, floor = value + slope + c, np.maximum(2.0 * UNIT * np.abs(c), np.finfo(float).tiny)
+        costs = [np.maximum(cost + sign * unsure, floor) for sign in (-1.0, 1.0)]
         size = np.abs(near).max(axis=1)
         violation = np.abs(x - feasible).max(axis=1)
         low = np.maximum(np.maximum(gap - error, 0.0) / costs[1], violation * (1.0 - gamma) / (size + moved))

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import resource
 from collections.abc import Callable, Mapping
+from copy import deepcopy
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -19,7 +20,7 @@ from qpsolvers import Problem
 
 from bench.messages.solver_info import real, solver_info
 from bench.messages.task import Outcome, Request, Task, attempt
-from bench.problem_files.program import copied, fields_of
+from bench.problem_files.program import fields_of
 from bench.processes.worker import forbidden_actions
 from bench.timing.clock import no_garbage_collection, time_block, time_call, time_kernel
 from bench.timing.schedule import follow
@@ -84,7 +85,7 @@ class TimedSolver:
     def __init__(self, cls: type[Solver], request: SetUp) -> None:
         self._cls, self._request, program = cls, request, Problem(**request.fields)
         # Two copies, since a solver that writes into one must spoil neither the other nor the request.
-        self._for_setup, self._for_update = copied(program), copied(program)
+        self._for_setup, self._for_update = deepcopy(program), deepcopy(program)
         self._start = None if request.warm_start is None else request.warm_start.copy()
         self._content = self._bytes()
         self._time = time_kernel if request.times_itself else time_block

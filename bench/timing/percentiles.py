@@ -64,13 +64,9 @@ def needed(q: float) -> int:
 
 def ranks(samples: int, q: float) -> tuple[int, int]:
     """Ranks l and u, counted from 1, of the interval of the q-quantile, of a sample that is large enough."""
-    below = above = 0.5 * (1.0 - CONFIDENCE)
-    if q**samples > above:  # even the maximum has a larger upper tail
-        above = q**samples
-        below = 1.0 - CONFIDENCE - above
-    elif (1.0 - q) ** samples > below:
-        below = (1.0 - q) ** samples
-        above = 1.0 - CONFIDENCE - below
+    tails = 1.0 - CONFIDENCE
+    above = min(max(0.5 * tails, q**samples), tails - (1.0 - q) ** samples)  # q**N is the maximum's upper tail
+    below = tails - above
     low = int(binom.ppf(below, samples, q))  # the smallest k with F(k) ≥ below; needed is F(l − 1) ≤ below
     low += int(binom.cdf(low, samples, q) <= below)
     high = int(binom.isf(above, samples, q)) + 1  # the smallest k with 1 − F(k) ≤ above is u − 1
