@@ -54,11 +54,7 @@ class PartFile:
 
     def _read(self, stream: pa.RecordBatchReader) -> None:
         check(stream.schema.equals(STREAM), "its columns are not those of a race")
-        while self.notes is None:
-            try:
-                batch, metadata = stream.read_next_batch_with_custom_metadata()
-            except StopIteration:
-                return
+        for batch, metadata in iter(stream.read_next_batch_with_custom_metadata, None):  # until StopIteration
             batch.validate(full=True)
             if metadata is None:
                 self._keep(batch)

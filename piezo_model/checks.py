@@ -25,7 +25,7 @@ def require(valid: Callable[[Any], Any], what: str, /, **arguments: Any) -> None
 
 
 @contextmanager
-def refusing(error: type[ValueError], label: str = "") -> Iterator[None]:
+def refusing(error: type[Exception], label: str = "") -> Iterator[None]:
     """Raise a ValueError of the block as another class, with a label before the message."""
     try:
         yield

@@ -118,11 +118,9 @@ def identify_verb(
     files = [path for source in sources for path in files_of(source, reading)]
     check_writable(out, others=files)
     check_writable(page, "--page", [*files, out])
-    several = []
-    for source in sources:
-        several.append(Recording.open(source, **job.opening))
-        if not as_json:
-            console.print(several[-1].describe())
+    several = [Recording.open(source, **job.opening) for source in sources]
+    if not as_json:
+        console.print("\n".join(each.describe() for each in several))
     with progress_bar() as progress:
         model = job.of(several, progress)
     model.save(out)
@@ -243,16 +241,6 @@ def simulate_verb(
     columns = {"time_s": np.arange(y.size) * signal.sample_time, **dict(zip(names, (signal.values, y), strict=True))}
     recordings.write_table(out, columns, loaded.warning)
     lowest, highest = y.min(), y.max()
-    document = {
-        "output": out,
-        "samples": y.size,
-        "lowest": lowest,
-        "highest": highest,
-        "unit": s.output_unit,
-        "start": began,
-        "units": signal.units,
-        "forced": loaded.warning,
-    }
     lines = [
         read.describe("input"),
         loaded.warning,
@@ -261,7 +249,20 @@ def simulate_verb(
         f"{y.size} samples of output from {quantity(lowest, s.output_unit)} to {quantity(highest, s.output_unit)}.",
         f"Output: {out}",
     ]
-    print_result(document, lines, as_json)
+    print_result(
+        {
+            "output": out,
+            "samples": y.size,
+            "lowest": lowest,
+            "highest": highest,
+            "unit": s.output_unit,
+            "start": began,
+            "units": signal.units,
+            "forced": loaded.warning,
+        },
+        lines,
+        as_json,
+    )
 
 
 @on_workers

@@ -174,8 +174,9 @@ def _settings_by_solver(texts: Sequence[str]) -> dict[str, str]:
         try:
             decoded(text, dict[str, Any])
         except ValueError as error:
-            why = f"{solver}: must be SOLVER={{...}} with settings in JSON: {error}"
-            raise typer.BadParameter(why, param_hint="--settings") from None
+            raise typer.BadParameter(
+                f"{solver}: must be SOLVER={{...}} with settings in JSON: {error}", param_hint="--settings"
+            ) from None
         by_solver[solver] = text
     return by_solver
 

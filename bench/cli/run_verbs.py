@@ -111,8 +111,9 @@ def _compare_versions(
     """Print the comparison of two versions; returns the exit status."""
     check_option(len(files) == 2, "RUN", "two versions are compared, A.py and B.py")
     with progress_bar() as progress:
-        of_set = list(problems.make(problem_set, seed).problems())
-        result = versions.compare_versions(files, of_set, smallest, seed, progress)
+        result = versions.compare_versions(
+            files, list(problems.make(problem_set, seed).problems()), smallest, seed, progress
+        )
     a, b = files
     verdicts = {
         FASTER: f"{b} is faster than {a}",
@@ -212,24 +213,6 @@ def deploy_verb(
     made = decided.deployment(actuator)
     made.save(target)
     elsewhere = machine.elsewhere(f"The run {opened.path.name}", opened.machine_names)
-    document = {
-        "file": target,
-        "solver": made.solver,
-        "lane": made.lane,
-        "tier": made.tier,
-        "settings": dict(made.settings),
-        "mode": made.mode,
-        "model_from": actuator.source,
-        "forced": actuator.model.warning,
-        "error_percent": actuator.error_percent,
-        "last_fifth": actuator.last_fifth,
-        "rule": rule.sentence,
-        "why": decided.sentences(),
-        "elsewhere": elsewhere,
-        "figures": decided.chosen.metrics(),
-        "runners_up": [candidate.metrics() for candidate in decided.runners_up],
-        "refused": [{**candidate.metrics(), "why": why} for candidate, why in decided.refused],
-    }
     lines = [
         *decided.sentences(),
         *elsewhere,
@@ -239,4 +222,25 @@ def deploy_verb(
         words.OURS_NOTE,
         f"Compensator: {target}",
     ]
-    print_result(document, lines, as_json)
+    print_result(
+        {
+            "file": target,
+            "solver": made.solver,
+            "lane": made.lane,
+            "tier": made.tier,
+            "settings": dict(made.settings),
+            "mode": made.mode,
+            "model_from": actuator.source,
+            "forced": actuator.model.warning,
+            "error_percent": actuator.error_percent,
+            "last_fifth": actuator.last_fifth,
+            "rule": rule.sentence,
+            "why": decided.sentences(),
+            "elsewhere": elsewhere,
+            "figures": decided.chosen.metrics(),
+            "runners_up": [candidate.metrics() for candidate in decided.runners_up],
+            "refused": [{**candidate.metrics(), "why": why} for candidate, why in decided.refused],
+        },
+        lines,
+        as_json,
+    )

@@ -138,8 +138,18 @@ class Task:
     @property
     def subject(self) -> str:
         """What is measured, the same in every run, repeat and way of timing."""
-        names = (self.problem_set, self.problem, self.scaling, self.solver, self.lane, self.setting.text)
-        text = json.dumps([*names, {}, self.start])  # {}: as in earlier runs
+        text = json.dumps(
+            [
+                self.problem_set,
+                self.problem,
+                self.scaling,
+                self.solver,
+                self.lane,
+                self.setting.text,
+                {},  # as in earlier runs
+                self.start,
+            ]
+        )
         return f"{self.solver}-{self.lane}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
     @property

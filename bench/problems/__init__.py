@@ -47,8 +47,10 @@ def make(name: str, seed: int = 0, options: Mapping[str, str] | None = None) -> 
     ['noise-none', 'noise-1e-05']
     """
     cls = find(name)
-    own = {**cls.needs, **cls.takes}
-    return cls(seed, **{option: value for option, value in (options or {}).items() if option in own})
+    return cls(
+        seed,
+        **{option: value for option, value in (options or {}).items() if option in (*cls.needs, *cls.takes)},
+    )
 
 
 def check_options(names: Sequence[str], options: Iterable[str]) -> None:

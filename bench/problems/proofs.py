@@ -29,7 +29,7 @@ from bench.messages import user_cache
 from bench.processes.child_process import Child, LostError
 from bench.timing import cores
 from piezo_model import json_file
-from piezo_model.checks import check
+from piezo_model.checks import check, refusing
 from solvers.arrays import Vector
 from solvers.certificate import WORK, Certificate, NotCertified, certify, verify
 from solvers.exact.problem import DoubleProblem
@@ -85,10 +85,8 @@ def proof(qp: Problem, begin: Callable[[Problem], Vector] = start, work: float =
     >>> proof(Problem(np.eye(1), -np.ones(1), lb=np.zeros(1))).value
     '-1/2'
     """
-    try:
+    with refusing(NotCertified):
         data = DoubleProblem.of(qp).fingerprint
-    except ValueError as error:
-        raise NotCertified(str(error)) from None
     key = hashlib.sha256(json.dumps([VERSION, work, data]).encode()).hexdigest()
     path = user_cache.folder("proofs") / f"{key}.json"
     found: Certificate | str

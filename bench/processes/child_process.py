@@ -63,11 +63,6 @@ class Child:
         """Whether there is a process."""
         return self._connection is not None
 
-    @property
-    def has_spoken(self) -> bool:
-        """Whether there is an answer that has not been read."""
-        return self._connection is not None and self._connection.poll(0)
-
     def cpu_ns(self) -> int:
         """CPU time of all threads of the process so far, in nanoseconds; 0 if it has ended."""
         try:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from bench.messages.task import ChildSettings, Outcome, RaceError, Request, Task
+from bench.messages.task import ChildSettings, Outcome, RaceError, Request
 from bench.processes import worker
 from bench.processes.child_process import START_LIMIT_S, Child, LateError, LostError
 from bench.processes.sentinel import Sentinel
@@ -50,8 +50,15 @@ class SolverChild(Child):
             try:
                 self._described = self.wait(START_LIMIT_S)
             except LostError as error:
-                why = f"its library could not be loaded: the process ended with {error}"
-                self._described = Described(self.entry.name, self.entry.lane, "", "", "", False, absent=why)
+                self._described = Described(
+                    self.entry.name,
+                    self.entry.lane,
+                    "",
+                    "",
+                    "",
+                    False,
+                    absent=f"its library could not be loaded: the process ended with {error}",
+                )
             if self._described.absent:
                 self.close()
         return self._described
@@ -62,7 +69,7 @@ class SolverChild(Child):
             self._load()
         if absent := self.describe().absent:
             return Outcome("adapter_failed", absent)
-        if self.has_spoken:
+        if self._connection is not None and self._connection.poll(0):
             self.kill()
             return Outcome("tampered", "its process answered before a request")
         try:
@@ -116,7 +123,3 @@ class SolverPool(ExitStack):
         """End the solvers' processes from another thread; their requests and the sentinel's are ChildProcessErrors."""
         for child in [self.sentinel, *self.children.values()]:
             child.interrupt()
-
-    def child(self, task: Task) -> SolverChild:
-        """The process of a task's solver."""
-        return self.children[task.solver, task.lane]

@@ -11,7 +11,7 @@ and every folder that it lists; it does not see what compiled code does.
 
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from importlib import import_module
 
 from bench.messages.task import ChildSettings, Outcome, Request, attempt
@@ -22,19 +22,18 @@ FILE_EVENTS = ("open", "os.listdir", "os.scandir")
 MOST = 3
 """Largest number of reported actions."""
 
-_guards: list[Callable[[], tuple[str, ...]]] = []
-"""Lists the forbidden actions in this process."""
+_actions: list[str] = []
+"""The forbidden actions in this process so far, as sentences."""
 _loaded: list[type[Solver]] = []
 """The solver of this process; twice after its first answer."""
 
 
-def install_audit_hook(folders: Sequence[str]) -> Callable[[], tuple[str, ...]]:
-    """Watch from now on; returns a function that lists the forbidden actions so far as sentences."""
-    actions: list[str] = []
+def install_audit_hook(folders: Sequence[str]) -> None:
+    """Watch from now on."""
     hidden = tuple(os.path.realpath(folder) + os.sep for folder in folders)
     # Bound here, so that a solver that replaces them cannot switch the guard off.
     absolute, is_number, this_process, separator = os.path.realpath, str.isdigit, str(os.getpid()), os.sep
-    most, file_events = MOST, FILE_EVENTS
+    most, file_events, actions = MOST, FILE_EVENTS, _actions
 
     def hook(event: str, arguments: tuple[object, ...]) -> None:
         if (
@@ -52,14 +51,13 @@ def install_audit_hook(folders: Sequence[str]) -> Callable[[], tuple[str, ...]]:
 
     if hidden:
         sys.addaudithook(hook)
-    return lambda: tuple(actions)
 
 
 def load(entry: Entry, settings: ChildSettings, core: int | None) -> Described:
     """Load and describe the solver of this process; from then on the limits hold and the process is watched."""
     for name in settings.preload:
         import_module(name)
-    _guards.append(install_audit_hook(settings.hidden))
+    install_audit_hook(settings.hidden)
     try:
         description = describe(entry)
     except Exception as error:  # whatever a library raises while it loads is the reason for its absence
@@ -82,7 +80,7 @@ def answer(request: Request) -> Outcome:
 
 def forbidden_actions() -> tuple[str, ...]:
     """The forbidden actions in this process so far, as sentences."""
-    return _guards[0]()
+    return tuple(_actions)
 
 
 def introduce(path: str) -> Entry | str:

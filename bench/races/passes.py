@@ -155,9 +155,11 @@ class Part:
             elif task.key not in part.rows:
                 null = pool.children[null_solver.ENTRY.name, null_solver.ENTRY.lane]
                 outcome = (
-                    scheduled(pool.child(task), task, self.form, fresh)
+                    scheduled(pool.children[task.solver, task.lane], task, self.form, fresh)
                     if task.timed == SCHEDULED
-                    else timed(pool.child(task), null, task, self.form, fresh, self._effort(task.timed))
+                    else timed(
+                        pool.children[task.solver, task.lane], null, task, self.form, fresh, self._effort(task.timed)
+                    )
                 )
                 save(task, outcome, fresh)
                 pool.sentinel.sample(unless_within_s=EVERY_S)

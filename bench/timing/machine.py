@@ -80,8 +80,9 @@ def commit() -> str:
     words = ["-c", "core.fsmonitor=false", "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty=+"]
     for root in (Path.cwd(), *([own] if (own / ".git").exists() else [])):
         with suppress(OSError, subprocess.SubprocessError):  # without git, a checkout, or in that of another user
-            call = ["git", "-C", str(root), *words]
-            return subprocess.run(call, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
+            return subprocess.run(
+                ["git", "-C", str(root), *words], capture_output=True, text=True, timeout=10, check=True
+            ).stdout.strip()
     return ""
 
 
@@ -104,11 +105,12 @@ def here() -> str:
 
 def elsewhere(what: str, there: Collection[str]) -> list[str]:
     """A sentence if ``what`` was measured on other machines than this one, which are named."""
-    sentence = (
+    if here() in there:
+        return []
+    return [
         f"{what} was measured on another machine, {' and '.join(there)}. Times on this one, {here()}, differ: race "
         "here, too."
-    )
-    return [] if here() in there else [sentence]
+    ]
 
 
 def core() -> str:
@@ -159,13 +161,12 @@ def counters() -> dict[str, float]:
     # user nice system idle iowait irq softirq steal of all cores, then guests, who are in user already
     times = [int(number) for number in text_of(Path("/proc/stat")).partition("\n")[0].split()[1:9]] or [0] * 8
     ticks, stolen = sum(times), times[7]
-    throttled = sum(int(path.read_text()) for path in CPU.glob("cpu[0-9]*/thermal_throttle/core_throttle_count"))
     return {
         "seconds": time.monotonic(),
         "stolen": stolen,
         "busy": ticks - stolen - times[3] - times[4],
         "ticks": ticks,
-        "throttled": throttled,
+        "throttled": sum(int(path.read_text()) for path in CPU.glob("cpu[0-9]*/thermal_throttle/core_throttle_count")),
     }
 
 
