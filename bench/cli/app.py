@@ -58,8 +58,8 @@ def command_line(imported: Collection[str] = tuple(VERBS)) -> typer.Typer:
     )
     app.callback()(_options)
     for verb, (file, description) in VERBS.items():
-        module = import_module(f"bench.cli.{file}") if verb in imported else None
-        function = getattr(module, f"{verb.replace('-', '_')}_verb", lambda: None)
+        name = f"{verb.replace('-', '_')}_verb"
+        function = getattr(import_module(f"bench.cli.{file}"), name) if verb in imported else lambda: None
         app.command(verb, short_help=description)(function)
     return app
 
