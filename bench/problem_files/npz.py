@@ -5,10 +5,6 @@ A matrix is stored dense under its name, or in compressed columns as ``P/data``,
 """
 
 import math
-import struct
-import tokenize
-import zipfile
-import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -54,22 +50,6 @@ BESIDE = (
 """Further names, or beginnings of names, in files of programs, of problems with their proofs, and of misses."""
 PARTNER = {"G": "h", "A": "b"}
 """The side of rows, without which they may be absent."""
-DAMAGED = (
-    ValueError,
-    OSError,
-    TypeError,
-    AttributeError,
-    EOFError,
-    zipfile.BadZipFile,
-    zlib.error,
-    SyntaxError,
-    tokenize.TokenError,
-    RuntimeError,
-    MemoryError,
-    OverflowError,
-    struct.error,
-)
-"""Exceptions of NumPy and zipfile for a damaged file, whose headers are Python literals."""
 
 
 def packed(name: str, value: Any) -> dict[str, Any]:
@@ -110,7 +90,7 @@ def unpacked_program(arrays: Mapping[str, Any], prefix: str = "") -> Problem:
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
     """Open an NPZ file; errors of reading its arrays become a ProblemFileError."""
-    reading = about(path, "cannot be read as NPZ: ", DAMAGED)
+    reading = about(path, "cannot be read as NPZ: ", Exception)
     with reading, path.open("rb") as file, np.lib.npyio.NpzFile(file) as arrays:
         list(_headers(arrays))  # which checks their sizes, before memory is taken for any of them
         try:
@@ -155,7 +135,7 @@ def read_npz(path: Path) -> ReadProgram:
 def read_answer(path: Path, size: int) -> Vector:
     """The answer (size,) in an NPY file; ProblemFileError for anything else."""
     with about(path):
-        with about(path, "cannot be read as NPY: ", (ValueError, OSError, EOFError)):
+        with about(path, "cannot be read as NPY: ", Exception):
             x = np.load(path, allow_pickle=False)
         check(isinstance(x, np.ndarray) and x.dtype.kind in "iuf", "holds no array of real numbers")
         check(x.shape == (size,), f"expected shape ({size},), one number for each variable, got {x.shape}")

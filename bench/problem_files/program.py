@@ -49,9 +49,9 @@ class ReadProgram:
 
 
 @contextmanager
-def about(path: Any, what: str = "", damaged: tuple[type[Exception], ...] = (ValueError, OSError)) -> Iterator[None]:
-    """Turn an error of reading into a ProblemFileError that names the file, unless it does already, and says what
-    failed."""
+def about(path: Any, what: str = "", damaged: type[Exception] = ValueError) -> Iterator[None]:
+    """Turn an exception into a ProblemFileError that names the file, unless it does already, and says what failed;
+    libraries raise any exception for a damaged file."""
     try:
         yield
     except damaged as error:

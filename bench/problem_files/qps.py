@@ -14,7 +14,6 @@ Source: I. Maros, C. Mészáros, "A repository of convex quadratic programming p
 """
 
 import gzip
-import zlib
 from collections import defaultdict
 from collections.abc import Sequence
 from contextlib import suppress
@@ -49,7 +48,7 @@ Fields = tuple[str, str, list[tuple[str, str]]]
 
 def read_qps(path: Path) -> ReadProgram:
     """Read a QPS or MPS file of continuous variables. ValueError for an invalid file, with the line."""
-    reading = about(path, "cannot be read: ", (OSError, EOFError, zlib.error))
+    reading = about(path, "cannot be read: ", Exception)
     with reading, gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb") as file:
         content = file.read(MOST_BYTES + 1)
     check(len(content) <= MOST_BYTES, f"holds more than {MOST_BYTES} bytes of text")
