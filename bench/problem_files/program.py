@@ -171,26 +171,24 @@ def two_sided(P: Any, q: Vector, C: Any, l: Vector, u: Vector, lb: Vector, ub: V
 
 def checked(qp: Problem) -> Problem:
     """The program with an exactly symmetric P; ValueError for wrong shapes, non-finite numbers, or an asymmetric P."""
-    d = qp.q.size
+    d, fields = qp.q.size, {name: value for name, value in fields_of(qp).items() if value is not None}
     check(d, "has no variables")
-    shapes = [("P", qp.P, (d, d)), *((name, getattr(qp, name), (d,)) for name in ("lb", "ub"))]
+    shapes = {"P": (d, d), **dict.fromkeys(("q", "lb", "ub"), (d,))}
     for rows, right in (("G", "h"), ("A", "b")):
-        M, v = getattr(qp, rows), getattr(qp, right)
-        check((M is None) == (v is None), f"has {rows if v is None else right} without {right if v is None else rows}")
-        if v is not None:
-            shapes += [(right, v, (v.size,)), (rows, M, (v.size, d))]
-    for name, value, shape in shapes:
+        there, absent = (rows, right) if rows in fields else (right, rows)
+        check(there not in fields or absent in fields, f"has {there} without {absent}")
+        if right in fields:
+            shapes |= {right: (fields[right].size,), rows: (fields[right].size, d)}
+    for name, value in fields.items():
         check(
-            value is None or value.shape == shape,
-            f"{name}: expected shape {shape} for the {d} variables of q, got {getattr(value, 'shape', None)}",
+            value.shape == shapes[name],
+            f"{name}: expected shape {shapes[name]} for the {d} variables of q, got {value.shape}",
         )
-    for name in ("P", "q", "G", "A", "b"):
-        value = getattr(qp, name)
         check(
-            value is None or np.isfinite(value if isinstance(value, np.ndarray) else value.data).all(),
+            name in ("h", "lb", "ub") or np.isfinite(value if isinstance(value, np.ndarray) else value.data).all(),
             f"{name} has an element that is not a finite number",
         )
-    check_sides(**{name: side for name in ("h", "lb", "ub") if (side := getattr(qp, name)) is not None})
+    check_sides(**{name: fields[name] for name in ("h", "lb", "ub") if name in fields})
     difference = abs(qp.P - qp.P.T)
     check(
         not difference.size or difference.max() <= SYMMETRY * abs(qp.P).max(),

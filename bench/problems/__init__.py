@@ -55,8 +55,7 @@ def make(name: str, seed: int = 0, options: Mapping[str, str] | None = None) -> 
 
 def check_options(names: Sequence[str], options: Iterable[str]) -> None:
     """ProblemSetError for an unknown set, or an option that none of the sets has."""
-    for name in names:
-        find(name)
+    list(map(find, names))
     for option in options:
         takers = {name: cls for name, cls in all_sets().items() if option in (*cls.needs, *cls.takes)}
         check(

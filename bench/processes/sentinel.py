@@ -115,19 +115,21 @@ def sentences(samples: pd.DataFrame) -> list[str]:
     """A warning if the machine drifted, and one if it was slow too often."""
     if samples.empty:
         return []
-    warnings = []
-    if drift(samples) > TOLERATED:
-        fifths = 100.0 * (_of_fifths(samples) - 1.0)
-        warnings.append(
+    fifths = 100.0 * (_of_fifths(samples) - 1.0)
+    more = samples.ratio / samples.groupby(["host", "core"]).ratio.transform("quantile", UNDISTURBED) - 1.0
+    slow = float((more > TOLERATED).mean())
+    found = (
+        (
+            drift(samples) > TOLERATED,
             f"The speed of the machine drifted: of {len(samples)} timings of a reference workload, the medians of the "
             f"fifths of the run differ by {fifths.min():+.0f} % to {fifths.max():+.0f} % from that of all, so "
-            "differences of that size between two figures may be due to the machine."
-        )
-    more = samples.ratio / samples.groupby(["host", "core"]).ratio.transform("quantile", UNDISTURBED) - 1.0
-    if (slow := float((more > TOLERATED).mean())) > TOLERATED_SLOW:
-        warnings.append(
+            "differences of that size between two figures may be due to the machine.",
+        ),
+        (
+            slow > TOLERATED_SLOW,
             f"The machine was slow at times: a reference workload took over {100.0 * TOLERATED:.0f} % longer than when "
             f"undisturbed in {100.0 * slow:.0f} % of {len(samples)} trials, at most {100.0 * more.max():.0f} % longer, "
-            "as when a neighbour uses the same core, so the times of a single row may be too long by as much."
-        )
-    return warnings
+            "as when a neighbour uses the same core, so the times of a single row may be too long by as much.",
+        ),
+    )
+    return [sentence for is_disturbed, sentence in found if is_disturbed]

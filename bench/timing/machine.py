@@ -132,15 +132,17 @@ def processor() -> str:
 def warnings(governor: str) -> list[str]:
     """Sentences about conditions that make times on this machine less certain; ``governor`` is that of the frequency,
     "" if it is unknown."""
-    sentences = []
-    if governor != "performance":
-        varies = f"The frequency governor is {governor!r}, so the clock rate varies."
-        sentences.append(varies if governor else "Frequency governor unknown.")
-    if "hypervisor" in text_of(CPU_INFO):
-        sentences.append("This is a virtual machine, so neighbours may take time from it.")
-    if os.getloadavg()[0] > 0.5:
-        sentences.append(f"The machine was busy at the start (load {os.getloadavg()[0]:.1f}).")
-    return sentences
+    load = os.getloadavg()[0]
+    conditions = (
+        (not governor, "Frequency governor unknown."),
+        (
+            governor not in ("", "performance"),
+            f"The frequency governor is {governor!r}, so the clock rate varies.",
+        ),
+        ("hypervisor" in text_of(CPU_INFO), "This is a virtual machine, so neighbours may take time from it."),
+        (load > 0.5, f"The machine was busy at the start (load {load:.1f})."),
+    )
+    return [sentence for holds, sentence in conditions if holds]
 
 
 TOLERATED_STEAL = 0.5
@@ -193,19 +195,17 @@ def disturbances(parts: Sequence[Mapping[str, Any]]) -> list[str]:
     >>> disturbances([part])
     ['CPU steal 2.0 % while solvers were timed.']
     """
-    if not parts:
-        return []
-    sentences, seconds = [], max(sum(part["seconds"] for part in parts), 1e-9)
+    seconds = max(sum(part["seconds"] for part in parts), 1e-9)
     steal = sum(part["steal_percent"] * part["seconds"] for part in parts) / seconds
-    if steal > TOLERATED_STEAL:
-        sentences.append(f"CPU steal {steal:.1f} % while solvers were timed.")
-    if throttled := sum(part["throttled"] for part in parts):
-        sentences.append(f"The processor throttled {throttled:.0f} times.")
     own = Counter(host for host, _ in {(part["host"], part["core"]) for part in parts})
     neighbours = sum((part["busy_cores"] - own[part["host"]]) * part["seconds"] for part in parts) / seconds
-    if neighbours > TOLERATED_NEIGHBOURS:
-        sentences.append(f"Other processes kept {neighbours:.1f} cores busy beside the race.")
-    preemptions, calls = (sum(part.get(name, 0) for part in parts) for name in ("preemptions", "timed_calls"))
-    if preemptions > TOLERATED_PREEMPTIONS * calls:
-        sentences.append(f"{preemptions:.0f} preemptions in {calls:.0f} timed calls.")
-    return sentences
+    throttled, preemptions, calls = (
+        sum(part.get(name, 0) for part in parts) for name in ("throttled", "preemptions", "timed_calls")
+    )
+    found = (
+        (steal > TOLERATED_STEAL, f"CPU steal {steal:.1f} % while solvers were timed."),
+        (throttled, f"The processor throttled {throttled:.0f} times."),
+        (neighbours > TOLERATED_NEIGHBOURS, f"Other processes kept {neighbours:.1f} cores busy beside the race."),
+        (preemptions > TOLERATED_PREEMPTIONS * calls, f"{preemptions:.0f} preemptions in {calls:.0f} timed calls."),
+    )
+    return [sentence for is_disturbed, sentence in found if is_disturbed]
