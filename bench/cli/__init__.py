@@ -56,9 +56,9 @@ def prepare_streams() -> None:
         closed.append(number)
     os.close(number)
     sys.stderr = _stream(2, sys.stderr, lines=True)
+    sys.stdout = _stream(1, sys.stdout, lines=os.isatty(1))
     if 1 in closed:
         raise OutputError("standard output is closed; send it to a file, or to /dev/null")
-    sys.stdout = _stream(1, sys.stdout, lines=sys.stdout.isatty())
 
 
 def _stream(number: int, before: TextIO | None, lines: bool) -> TextIO:
@@ -82,9 +82,8 @@ def main() -> None:
     status = 1  # after a traceback
 
     def leave() -> None:
-        for stream in (sys.stdout, sys.stderr):
-            if stream is not None:  # None if the caller closed its descriptor
-                stream.flush()
+        sys.stdout.flush()
+        sys.stderr.flush()
         os._exit(status)
 
     atexit.register(leave)  # runs last, and skips the second that the libraries' own clean-up takes

@@ -115,8 +115,9 @@ def _do(words: list[str], verb: str) -> int:
         from solvers import Unsupported
 
         # a user's mistake, as all of our own exceptions are that are a ValueError; its message is one sentence
-        ours = type(error).__module__.partition(".")[0] in PACKAGES
-        if ours and isinstance(error, ValueError | Unsupported | OutputError):
+        if type(error).__module__.partition(".")[0] in PACKAGES and isinstance(
+            error, ValueError | Unsupported | OutputError
+        ):
             return _refuse(verb, as_typed(str(error), words))
         raise
 

@@ -56,10 +56,9 @@ class Miss:
 
     def save(self, path: Path) -> None:
         """Write an NPZ file."""
-        arrays = packed_program(self.qp, "") | packed_program(self.first, "first/")
-        arrays |= {name: getattr(self, name) for name in ("solver", "lane", "settings", "x", "optimum", "unit")}
+        others = {name: getattr(self, name) for name in ("solver", "lane", "settings", "x", "optimum", "unit")}
         with replacing(path) as temporary, temporary.open("wb") as file:
-            np.savez_compressed(file, **arrays)
+            np.savez_compressed(file, **packed_program(self.qp), **packed_program(self.first, "first/"), **others)
 
     @classmethod
     def load(cls, path: str | Path) -> Self:

@@ -13,12 +13,10 @@ __all__ = ["ProblemSet", "ProblemSetError", "RaceProblem", "all_sets", "check_op
 
 def all_sets() -> dict[str, type[ProblemSet]]:
     """Every problem set by name."""
-    classes = {}
-    for file in pkgutil.iter_modules(__path__):
-        for cls in vars(importlib.import_module(f"{__name__}.{file.name}")).values():
-            if inspect.isclass(cls) and issubclass(cls, ProblemSet) and hasattr(cls, "name"):
-                classes[cls.name] = cls
-    return dict(sorted(classes.items()))
+    modules = [importlib.import_module(f"{__name__}.{file.name}") for file in pkgutil.iter_modules(__path__)]
+    classes = {cls for module in modules for cls in vars(module).values() if inspect.isclass(cls)}
+    known = {cls.name: cls for cls in classes if issubclass(cls, ProblemSet) and hasattr(cls, "name")}
+    return dict(sorted(known.items()))
 
 
 def sets() -> dict[str, type[ProblemSet]]:

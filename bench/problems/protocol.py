@@ -199,12 +199,16 @@ class RaceProblem:
             **({} if self.sense == 1.0 else {"sense": int(self.sense)}),
         }
         for scaling, form in self.forms.items():
-            arrays |= packed_program(form.qp, f"{scaling}/")
-            arrays |= packed(f"{scaling}/to_weights", form.to_weights)
-            arrays |= {f"{scaling}/{name}_start": start for name, start in form.starts.items()}
-            if form.windows:
-                windows = ((name, [getattr(window, name) for window in form.windows]) for name in "Pqc")
-                arrays |= {f"{scaling}/windows/{name}": np.array(values) for name, values in windows}
+            arrays |= {
+                **packed_program(form.qp, f"{scaling}/"),
+                **packed(f"{scaling}/to_weights", form.to_weights),
+                **{f"{scaling}/{name}_start": start for name, start in form.starts.items()},
+                **{
+                    f"{scaling}/windows/{name}": np.array([getattr(window, name) for window in form.windows])
+                    for name in "Pqc"
+                    if form.windows
+                },
+            }
         if self.validation is not None:
             v = self.validation
             meta |= {"structure": v.structure.to_dict(), **({} if math.isnan(v.noise_um) else {"noise_um": v.noise_um})}

@@ -53,10 +53,12 @@ def read(path: Path, seed: int) -> tuple[list[IdentificationProblem], Validation
         meta, phase = json.loads(str(data["meta"])), seed % len(data["c"])
         structure = convert(meta["structure"], ModelStructure)
         excitations = convert(meta["excitation"][phase], list[Excitation])
-        programs = []
-        for P, q, c, excitation in zip(*(data[name][phase] for name in "Pqc"), excitations, strict=True):
-            upper = np.zeros((structure.d, structure.d))
-            upper[np.triu_indices_from(upper)] = P
-            programs.append(IdentificationProblem(structure, np.triu(upper, 1).T + upper, q, float(c), excitation))
+        rows, columns = np.triu_indices(structure.d)
+        P = np.zeros((len(excitations), structure.d, structure.d))
+        P[:, rows, columns] = P[:, columns, rows] = data["P"][phase]
+        programs = [
+            IdentificationProblem(structure, *of_window)
+            for of_window in zip(P, data["q"][phase], data["c"][phase].tolist(), excitations, strict=True)
+        ]
         x, y = (data[name].astype(np.float64) for name in "xy")
         return programs, Validation(structure, OperatorState(data["play"], data["creep"]), x, y, meta["noise_um"])
