@@ -80,8 +80,9 @@ class PartFile:
 
     def save(self, row: Row, times: Mapping[str, Any]) -> None:
         """Save the row of a finished task, and its raw nanoseconds by name."""
-        raw = [{"what": what, "ns": np.asarray(ns)} for what, ns in times.items()]
-        batch = pa.RecordBatch.from_pylist([{**row, "raw": raw}], STREAM)
+        batch = pa.RecordBatch.from_pylist(
+            [{**row, "raw": [{"what": what, "ns": np.asarray(ns)} for what, ns in times.items()]}], STREAM
+        )
         self._writer.write_batch(batch)
         self._file.flush()
         self._keep(batch)

@@ -83,8 +83,11 @@ def export_c_verb(
 
     loaded, settings = _opened(model, no_dynamics, name=name, **control, **loop)
     building.write_folder(folder, c_source.export(loaded, settings, f"Compensator of {model.name}"))
-    learning = f"the self-learning loop ({settings.mode}, {settings.solver})"
-    what = learning if settings.learning else "the compensator, without learning"
+    what = (
+        f"the self-learning loop ({settings.mode}, {settings.solver})"
+        if settings.learning
+        else "the compensator, without learning"
+    )
     console.print(
         f"C99, {settings.precision}: {what} with d = {loaded.structure.d}; its README.md lists the files, "
         f"the calls and the memory.\nSource: {folder}; make -C {folder} run builds and runs the example."

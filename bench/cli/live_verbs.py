@@ -74,8 +74,11 @@ def live_verb(
         "--simulate KIND | --device STAGE.py",
         "give either a simulated actuator or the file of a stage",
     )
-    values = zip(REFERENCES, (reference, sine_words, set_point), strict=True)
-    references = {option: value for option, value in values if value is not None}
+    references = {
+        option: value
+        for option, value in zip(REFERENCES, (reference, sine_words, set_point), strict=True)
+        if value is not None
+    }
     named = [*references][:2]
     check_option(len(references) < 2, "".join(named[1:]), f"give one reference, not {' and '.join(named)}")
     if record is not None:

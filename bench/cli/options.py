@@ -68,8 +68,11 @@ def check_writable(out: Path | None, option: str = "--out", others: Iterable[str
     for other in (path for path in others if path):
         read = Path(os.path.realpath(other))
         check_option(written != read, option, f"{out} is another file of this command; name a new one")
-        inside = read.is_dir() and written.is_relative_to(read)
-        check_option(not inside, option, f"{out} is in {other}, which this command reads; name a file elsewhere")
+        check_option(
+            not (read.is_dir() and written.is_relative_to(read)),
+            option,
+            f"{out} is in {other}, which this command reads; name a file elsewhere",
+        )
     check_option(out.parent.is_dir(), option, f"the folder {out.parent} does not exist")
     check_option(  # writing would replace it, even /dev/null
         out.is_file() or not out.exists(),

@@ -269,6 +269,7 @@ class Forward(ProblemSet):
                 half, all_of_it = (
                     step_problem(recording, counted, fit, first) for counted in (np.arange(x.size) < x.size // 2, whole)
                 )
-                program = f"{name}-step-{step + 1}"
-                yield certified(self.name, program, all_of_it, validation, fit.weights, neighbours=[half])
+                yield certified(
+                    self.name, f"{name}-step-{step + 1}", all_of_it, validation, fit.weights, neighbours=[half]
+                )
                 v = fit.v
