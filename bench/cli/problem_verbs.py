@@ -208,7 +208,10 @@ def _sentences(proof: dict[str, Any]) -> list[str]:
     unique = {"yes": "is the only one", "no": "is not the only one", "undecided": "may not be the only one"}
     beginning = "The least cost"
     if "objective" in proof:
-        beginning = f"The objective is maximised, and its greatest value is {-float(rounded['value'])!r}. The least cost of its negative"
+        beginning = (
+            f"The objective is maximised, and its greatest value is {-float(rounded['value'])!r}. "
+            "The least cost of its negative"
+        )
     lines = [
         f"{beginning} is {rounded['value']}{exactly}{shifted}; this is proved in exact arithmetic.",
         f"x* = ({', '.join(rounded['x'])})." if len(rounded["x"]) <= SHOWN else "",
