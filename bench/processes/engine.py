@@ -67,17 +67,17 @@ class Workers:
 
 
 @contextmanager
-def started(workers: Workers, at_end: Callable[[], None] | None = None) -> Iterator[MapUnordered]:
+def started(workers: Workers) -> Iterator[MapUnordered]:
     """Start workers; the yielded function calls a picklable function with each item on them, and yields the
     results in any order.
 
     A cluster repeats an item whose worker was lost; the loss of a local worker is a ChildProcessError, and the caller
-    says how to continue. ``at_end`` is called in each worker of a cluster; local workers end instead.
+    says how to continue.
     """
     if workers.is_single:
         yield map
         return
-    with _local(workers.count) if workers.backend == "local" else _cluster(workers.scheduler, at_end) as executor:
+    with _local(workers.count) if workers.backend == "local" else _cluster(workers.scheduler) as executor:
         try:
             yield lambda function, items: (
                 done.result() for done in as_completed([executor.submit(function, item) for item in items])
@@ -101,8 +101,8 @@ def _local(count: int) -> Iterator[Executor]:
 
 
 @contextmanager
-def _cluster(scheduler: str, at_end: Callable[[], None] | None) -> Iterator[Executor]:
-    """The workers of a Dask cluster."""
+def _cluster(scheduler: str) -> Iterator[Executor]:
+    """The workers of a Dask cluster, which end their solvers at the end."""
     try:
         from distributed import Client
     except ImportError:
@@ -120,8 +120,7 @@ def _cluster(scheduler: str, at_end: Callable[[], None] | None) -> Iterator[Exec
                 executor.shutdown(wait=False)
                 client.run(interrupt_workers)
                 raise
-        if at_end is not None:
-            client.run(at_end)
+        client.run(close_workers)
 
 
 def check_cores(client: Any, address: str) -> None:

@@ -36,7 +36,7 @@ def run_tasks(race: Race, workers: engine.Workers) -> None:
         lanes = lanes_here(run, pool)
         if not workers.is_single:
             pool.close()
-        map_unordered = resources.enter_context(engine.started(workers, engine.close_workers))
+        map_unordered = resources.enter_context(engine.started(workers))
         for parts in race.passes(lanes):
             total += sum(len(part.tasks) for part in parts)
             if workers.is_single:
