@@ -125,8 +125,7 @@ def identify_verb(
         model = job.of(several, progress)
     model.save(out)
     if page is not None:
-        with progress_bar() as progress:
-            progress("writing the page", 0, 1)
+        with progress_bar("writing the page"):
             recording_page.write(page, Path(several[0].name).name, review(several[0], model))
     selection = model.report.get("selection")
     candidates = [

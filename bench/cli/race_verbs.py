@@ -222,8 +222,7 @@ def resume_verb(
 def report_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")], as_json: AsJson = False) -> None:
     """Write the report of a run again and show its verdict."""
     opened = open_run(run)
-    with progress_bar() as progress:
-        progress("writing the report", 0, 1)
+    with progress_bar("writing the report"):
         written = write(opened)
     _show(opened, *written, as_json)
 

@@ -85,8 +85,7 @@ def compare_verb(
     refuse(context, ("problem_set", "seed"), "needs --versions")
     check_option(len(runs) >= 2, "RUN", "a comparison needs two runs or more")
     opened = [open_run(path) for path in runs]
-    with progress_bar() as progress:
-        progress("comparing", 0, 1)
+    with progress_bar("comparing"):
         compared = compare_runs(opened, smallest)
         result, name = (
             comparison_report.report(compared),
@@ -198,10 +197,8 @@ def deploy_verb(
     opened = open_run(run)
     target = run / "compensator.json" if out is None else out
     check_writable(target, others=[model, *([] if out is None else [run])])
-    with progress_bar() as progress:
-        progress("judging the model", 0, 2)
+    with progress_bar("judging the model and weighing the solvers"):
         actuator = actuator_model.model_for(opened, own_model, problem, simulated, source=str(model))
-        progress("weighing the solvers", 1, 2)
         period_us = 1e6 * actuator.model.structure.sample_time
         rule = candidates.Rule(
             accuracy,

@@ -42,8 +42,9 @@ AROUND, FEWEST_ROWS = 5, 10
 
 
 @contextmanager
-def progress_bar() -> Iterator[task.Progress]:
-    """Yield a function that shows (what, done, total); silent if standard error is not a terminal."""
+def progress_bar(what: str = "") -> Iterator[task.Progress]:
+    """Show one step, and yield a function that shows (what, done, total); silent if standard error is not a
+    terminal."""
     columns = (
         BarColumn(bar_width=24),
         MofNCompleteColumn(),
@@ -51,7 +52,7 @@ def progress_bar() -> Iterator[task.Progress]:
         TextColumn("{task.description}", markup=False),
     )
     with Progress(*columns, console=errors, transient=True, disable=not errors.is_terminal) as bar:
-        shown = bar.add_task("", total=None)
+        shown = bar.add_task(what, total=1 if what else None)
         yield lambda what, done, total: bar.update(shown, description=terminal(what), completed=done, total=total)
 
 
