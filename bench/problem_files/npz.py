@@ -103,9 +103,9 @@ def read_npz(path: Path) -> ReadProgram:
     """Read a program under the names above, with an optional constant term ``c`` or ``r``; ValueError for an invalid
     file. Of a problem that a race has stored, it is the program in original units, without the constant term."""
     with opened(path) as arrays:
-        pickled = {name for name, dtype in _headers(arrays) if dtype.hasobject}
-        values = {name: arrays[name] for name in arrays if name not in pickled}
-    for name in pickled:
+        pickled = {name: dtype.hasobject for name, dtype in _headers(arrays)}
+        values = {name: arrays[name] for name, is_object in pickled.items() if not is_object}
+    for name in filter(pickled.get, pickled):
         is_needed = name in ("P", "q", "c", "r") or PARTNER.get(name) in values  # so it is not a None
         check(
             not is_needed and name.partition("/")[0] in (*QP_FIELDS, *BESIDE),
@@ -122,7 +122,9 @@ def read_npz(path: Path) -> ReadProgram:
     qp = checked(Problem(**fields))
     rows = [side.size for side in (qp.h, qp.b) if side is not None]
     unread = {key: value for key, value in values.items() if key.partition("/")[0] not in (*QP_FIELDS, *BESIDE)}
-    sparse = {key[:-6]: np.ravel(value).tolist() for key, value in unread.items() if key.endswith("/shape")}
+    sparse = {
+        key.removesuffix("/shape"): np.ravel(value).tolist() for key, value in unread.items() if key.endswith("/shape")
+    }
     dense = {
         key: value.shape
         for key, value in unread.items()
