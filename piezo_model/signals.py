@@ -30,8 +30,7 @@ def times(duration_s: float, sample_time: float, low: float, high: float) -> Vec
     checks.positive(duration_s=duration_s, sample_time=sample_time)
     checks.ascending(**{"low and high": (low, high)})
     count = round(duration_s / sample_time)
-    if count < 1:
-        raise ValueError(f"duration_s = {duration_s} is shorter than one sample_time = {sample_time}")
+    checks.check(count >= 1, f"duration_s = {duration_s} is shorter than one sample_time = {sample_time}")
     return np.arange(count, dtype=np.float64) * sample_time
 
 
@@ -115,11 +114,11 @@ def multi_sine(
     t = times(duration_s, sample_time, low, high)
     checks.whole(1, tones=tones)
     first_Hz = 1.0 / duration_s if lowest_Hz is None else lowest_Hz
-    if not 0.0 < first_Hz <= highest_Hz < 0.5 / sample_time:
-        raise ValueError(
-            f"lowest_Hz = {first_Hz} and highest_Hz = {highest_Hz} must be positive, in this order, and "
-            f"below half the sampling rate, {0.5 / sample_time} Hz"
-        )
+    checks.check(
+        0.0 < first_Hz <= highest_Hz < 0.5 / sample_time,
+        f"lowest_Hz = {first_Hz} and highest_Hz = {highest_Hz} must be positive, in this order, and "
+        f"below half the sampling rate, {0.5 / sample_time} Hz",
+    )
     j = np.arange(1, tones + 1)
     schroeder = -np.pi * j * (j - 1) / tones
     phases = schroeder if seed is None else np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, tones)
@@ -200,8 +199,7 @@ def excitation(*, duration_s: float, sample_time: float, low: float, high: float
     (60000, 0.0, 100, 0.0)
     """
     count = times(duration_s, sample_time, low, high).size
-    if count < FEWEST:
-        raise ValueError(f"{duration_s:g} s gives {count} samples, and an excitation needs {FEWEST}")
+    checks.check(count >= FEWEST, f"{duration_s:g} s gives {count} samples, and an excitation needs {FEWEST}")
     rest, hold = np.full(count // 50, low), count // 6
     triangles = [
         decaying_triangle(duration_s=share * duration_s, sample_time=sample_time, low=low, high=high, final_share=0.1)
