@@ -76,7 +76,8 @@ def process(
         raise RecordingError(f"{error}; {CONTINUE_HINT}") from None
     refused = table[table.refused != ""]
     reasons = lines_of(refused.refused)
-    reasons[MOST_REFUSED:] = ["… and more in the table."] * (len(reasons) > MOST_REFUSED)
+    if len(reasons) > MOST_REFUSED:
+        reasons = [*reasons[:MOST_REFUSED], "… and more in the table."]
     sentences = report.sentences(table, what, others)
     lines = [*lines_of(sentences), *(["Refused:", *reasons] if reasons else []), f"Table: {out_dir}/fleet.csv"]
     print_result(

@@ -150,9 +150,10 @@ def _checked(values: pa.ChunkedArray, field: pa.Field) -> pa.ChunkedArray:
         or (pa.types.is_floating(expected) and (pa.types.is_integer(actual) or pa.types.is_floating(actual)))
     )
     try:
-        check(fits, "")
+        if not fits:
+            raise pa.ArrowInvalid
         values = values.cast(expected)
-    except (ValueError, pa.ArrowException):
+    except pa.ArrowException:
         raise ValueError(f"column {column!r} has type {actual}, expected {expected}") from None
     least = -1 if expected.equals(COUNT) else 0 if {"us", "ns"} & set(column.split("_")) else None
     lowest = (
