@@ -29,6 +29,8 @@ from numpy.typing import ArrayLike
 from scipy.special import betaincinv
 from scipy.stats import binom, binomtest
 
+from piezo_model.checks import check
+
 CONFIDENCE = 0.95
 QUANTILES = (0.5, 0.99, 0.999, 0.9999)
 
@@ -59,6 +61,7 @@ def needed(q: float) -> int:
     >>> [needed(q) for q in QUANTILES]
     [6, 299, 2995, 29956]
     """
+    check(0.0 < q < 1.0, f"a percentile must be between 0 and 1, not {q}")
     return next(count for count in itertools.count(1) if q**count + (1.0 - q) ** count <= 1.0 - CONFIDENCE)
 
 
