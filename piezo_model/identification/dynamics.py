@@ -20,12 +20,13 @@ from scipy.signal import correlate
 
 from piezo_model import checks
 from piezo_model.dynamics import Dynamics
+from piezo_model.identification.drive import highest_frequency
 from piezo_model.identification.dynamics_finding import DynamicsFinding
 from piezo_model.identification.dynamics_parameters import LONGEST, SMALLEST_GAIN, Parameters
 from piezo_model.identification.dynamics_trials import COARSE, DynamicsTrials, as_of_static, parameters_of
 from piezo_model.identification.error_model import IdentificationError, ProgramSolver
 from piezo_model.identification.lag import DynamicsChoice, Lag, LagChoice, fit_lag
-from piezo_model.identification.resonance import SHORTEST_SEGMENT, Spectra, segment_of
+from piezo_model.identification.resonance import LIGHTLY_DAMPED, SHORTEST_SEGMENT, Spectra, segment_of
 from piezo_model.identification.start import USUAL, InitialFit, first_motion
 from piezo_model.recordings import Recording
 
@@ -86,7 +87,9 @@ def _with_modes(
     if segment_of(head) < SHORTEST_SEGMENT:
         return None, None
     spectra = Spectra(head)
-    if not (peak := spectra.peak()).is_plausible:
+    peak = spectra.peak()
+    unseen = peak.damping > LIGHTLY_DAMPED and peak.frequency_Hz > highest_frequency(head)
+    if unseen or not peak.is_plausible:
         return None, None
     share = 1.0 if peak.share > WHOLE else max(peak.share, SMALLEST_GAIN)
     begin = Dynamics((peak.frequency_Hz,), (peak.damping,), (share,), DELAY * T)

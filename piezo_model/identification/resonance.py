@@ -45,8 +45,8 @@ GAIN, CHANCE_GAIN, LEAST_DAMPED, MOST_DAMPED = 0.02, 36.0, 1e-3, 0.9
 """Smallest fraction of the whitened squares that a mode has to explain, and the same in samples: its twelve unknowns
 explain twelve samples of noise, and the best of a scan three times as many; bounds of a damping ratio."""
 APART, LIGHTLY_DAMPED = 0.1, 0.25
-"""Smallest difference of the logarithms of two frequencies; largest damping ratio of a further mode, since residual
-hysteresis looks like a mode with more."""
+"""Smallest difference of the logarithms of two frequencies; largest damping ratio of a further mode, and of one above
+all frequencies at which the output follows the drive, since residual hysteresis looks like a mode with more."""
 Mode = tuple[float, float]
 """Frequency in Hz and damping ratio."""
 

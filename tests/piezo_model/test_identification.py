@@ -171,6 +171,7 @@ def test_a_model_of_the_first_half_of_the_real_recording_predicts_the_second() -
     model = identify(first, n=5, m=3, creep_rates=(10.0, 1.0, 0.1))
     errors, fit = errors_percent(model.simulate(x)[half:], y[half:]), model.report["fit"]
     assert np.all(errors < 1.2 * np.array([fit["rms_percent"], fit["max_percent"]]))  # RMS 0.300 % after 0.293 %
+    assert model.dynamics == identify(replace(first, x=first.x * (1.0 + 1e-14)), n=5, m=3).dynamics
 
 
 def test_a_creep_rate_beyond_the_sampling_rate_is_refused() -> None:
