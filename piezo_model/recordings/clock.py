@@ -30,8 +30,8 @@ SAME_RATE, MOST_CHANGE = 16, 1.05
 WALK = 4.0
 """Standard deviations of a random walk of digits, beyond which it is another rate."""
 MOST_DECIMALS = 15
-FEW = 8
-"""Fewest times that determine a digit."""
+FEW, HIDDEN = 8, 0.1
+"""Fewest times that determine a digit; largest digit that determines the period, relative to the duration."""
 SINGLE_GRID = 0.1
 """Largest distance from the grid of single precision, relative to its spacing."""
 
@@ -87,10 +87,13 @@ def sampling(rows: Rows, tolerance: float, even: bool = True) -> float:
     mean, (digit, exact) = float(times[-1] - times[0]) / (n - 1), printed_digit(times[:WINDOW])
     head = times[:WINDOW]
     period = float(head[-1] - head[0]) / (head.size - 1)
-    if period == 0.0:
-        raise rows.refusal(f"stands still from {rows.where(0)} on, at {rows.seconds(times[0])}")
     shows = _rounding_shows(np.diff(head), tolerance * period, period / digit)
     resolution = digit if shows else exact
+    if period == 0.0 or resolution > HIDDEN * float(times[-1] - times[0]):
+        raise rows.refusal(
+            f"stands still from {rows.where(0)} on, at {rows.seconds(times[0])}, or moves by few of its last digits; "
+            "--time none and --sample-time state the period"
+        )
     # long enough for the rounding to be negligible, short enough for one gap to affect few of the differences
     reach = max(1, min(math.ceil(4 * resolution / (tolerance * period)), head.size // 8))
     error = resolution / (head.size - 1)

@@ -212,6 +212,7 @@ REFUSED: list[tuple[list[str], dict[str, Any], str]] = [
         "is not sampled uniformly: 0.001 s from row",
     ),
     (timed(["3.0"] * 20), {}, "stands still from row 2 (data row 1) on, at 3 s"),
+    (timed(["23:59:59"] * 80 + ["00:00:00"] * 320), {}, "or moves by few of its last digits; --time none and --sample"),
     (timed(np.repeat(np.arange(50) * 0.00513, 3)), {}, "0 s from row 2 (data row 1) to row 3 (data row 2)"),
     *(
         (
