@@ -379,14 +379,14 @@ def _glued(dialect: Dialect, line: str, kinds: Sequence[Kind]) -> tuple[tuple[st
 
 
 def _all_units(cells: Sequence[str]) -> bool:
-    """True if a row below the names holds units: at least one known unit, and others that are known, in brackets, or
-    short if most are known."""
+    """True if a row below the names holds units: at least one known unit without a slash, since u/V is a name, and
+    others that are known, in brackets, or short if most are known."""
     known = [bool(canonical(cell)) or cell.strip("[]() ").lower() in ("", "-", "1", "sequence") for cell in cells]
     bracketed = [
         known_cell or bool(re.fullmatch(r"[\[(].*[\])]", cell)) for cell, known_cell in zip(cells, known, strict=True)
     ]
     short = 2 * sum(known) > len(cells) and max(map(len, cells)) <= LONGEST_UNIT
-    return any(map(canonical, cells)) and (all(bracketed) or short)
+    return any(canonical(cell) and "/" not in cell for cell in cells) and (all(bracketed) or short)
 
 
 def _uncommented(dialect: Dialect, line: str) -> str:
