@@ -243,8 +243,8 @@ def joined(
         np.abs(times - times_y).max() > options.time_tolerance * np.ptp(times) / times.size
     ):
         common = np.flatnonzero((times >= times_y[0]) & (times <= times_y[-1]))
-        if common.size < 2:
-            raise RecordingError(f"{path}: have no time in common")
+        if common.size < 2 or any((np.diff(clock) < 0.0).any() for clock in (times, times_y)):
+            raise RecordingError(f"{path}: have no time in common, or times that run backwards in one of them")
         near = is_near(times[common], times_y, float(np.median(np.diff(times))))
         y = np.where(near, np.interp(times[common], times_y, y), np.nan)
         times, x, where = times[common], x[common], lambda row: table.where(int(common[row]))

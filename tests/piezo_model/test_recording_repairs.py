@@ -281,10 +281,11 @@ def test_two_files_are_one_recording(tmp_path: Path) -> None:
         "bare.csv": table(Y, header=()),
         "pair.csv": table(T - 0.25, X, Y, header=("s", "drive", "sensor")),
         "other.csv": table(T + 99.0, Y, header=("t_s", "b")),
+        "sweeps.csv": table(np.tile(T[:1000], 2), Y[:2000], header=("t_s", "b")),
     }
     for name, text in files.items():
         (tmp_path / name).write_text(text)
-    u, y, late, bare, pair, other = (str(tmp_path / name) for name in files)
+    u, y, late, bare, pair, other, sweeps = (str(tmp_path / name) for name in files)
     joined = Recording.open(input=u, output=y)
     assert (joined.input_unit, joined.output_unit, joined.sample_time, joined.length) == ("V", "mV", PERIOD, N)
     np.testing.assert_allclose([joined.x, joined.y], [X, Y], rtol=1e-5)
@@ -296,6 +297,7 @@ def test_two_files_are_one_recording(tmp_path: Path) -> None:
     np.testing.assert_allclose(interpolated.y, np.interp(T[151:1950], T[:1800] + 0.7525, Y[:1800]), rtol=1e-5)
     for output, sentence in (
         (other, "have no time in common"),
+        (sweeps, "or times that run backwards in one of them"),
         ("absent.csv", "no such file"),
         (None, "--input FILE and --output FILE"),
     ):
