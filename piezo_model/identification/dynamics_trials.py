@@ -77,7 +77,7 @@ class DynamicsTrials:
         """Trials that start from the first fit of a static stage, namely of the recording filtered by an inverse; both
         of these may be longer than the recording."""
         # the first outputs may follow an earlier drive
-        counted = counted_from(recording, initial.skip + min(int(LONGEST), recording.length // 10))
+        counted = counted_from(recording, initial.skip + min(int(LONGEST), (recording.length - initial.skip) // 10))
         own = initial.structure
         rates = own.creep_rates or candidate_rates(recording.sample_time, recording.duration_s)
         # few levels determine no hysteresis

@@ -218,6 +218,7 @@ X = a_drive(400)
     [
         (X[:9], X[:9], {}, "9 samples are counted, too few for 11 weights"),
         (X, X, {"skip": 395}, "only 5 of 400 samples are counted after skipping 395, too few for 11 weights"),
+        (X, X**2, {"skip": 388}, "the model class does not describe these data"),
         (X, X, {"skip": -1}, "skip must be a whole number of at least 0, not -1"),
         (X, X, {"lag": "later"}, "lag must be one of estimate, remove, ignore, not 'later'"),
         (np.arange(400) < 5, X, {"skip": 20}, "the drive does not move after the first 20 samples, which are skipped"),
