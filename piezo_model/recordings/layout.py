@@ -30,7 +30,7 @@ SEPARATORS: Mapping[str, str] = {
 }
 """Separators in the order of preference, and their names; " " means any run of blanks and tabs, and ", " a comma
 followed by blanks, as multimeters write with decimal commas."""
-RUNS = {" ": re.compile(r"[ \t]+"), ", ": re.compile(", +")}
+RUNS = {" ": re.compile(r"[ \t]+"), ", ": re.compile(r", +|,(?=[\r\n]|$)")}
 """Separators that Arrow does not know, and that are replaced by tabs."""
 COMMENT_MARKS = ("#", "%", "//", ";", "!", "**")
 COMMENT = re.compile(rf"\s*(?:{'|'.join(map(re.escape, COMMENT_MARKS))})+\s*")

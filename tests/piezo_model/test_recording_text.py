@@ -82,6 +82,10 @@ FILES: dict[str, tuple[bytes | str, dict]] = {
         f"Time, Drive, Unit, Value, Unit\n{rows('{t}, {x}, V, {y}, um', decimal=',')}",
         {},
     ),
+    "decimal commas between commas, and an empty cell": (
+        f"Time, Drive, Sensor, Note\n{rows('{t}, {x}, {y}, ', decimal=',')}",
+        {},
+    ),
     "oscilloscope's increment": (
         f"X,Drive,CH2,Start,Increment,\nSequence,Volt,Volt,-6e-2,{1 / RATE:.9e},\n{rows('{i},{x},{y},,,')}",
         {"output": "CH2"},
