@@ -59,9 +59,8 @@ def drop_incomplete_end(rows: Rows) -> None:
     RecordingError
         Missing times, or too many unknown values.
     """
-    columns = [(rows.time_label, rows.times, 0.0)]
-    for k, (label, values) in enumerate(zip(rows.labels, rows.signals, strict=True)):
-        columns.append((label, values, MOST_MISSING if k or rows.length >= LEAST_ROWS else FILLED))
+    most = (MOST_MISSING if rows.length >= LEAST_ROWS else FILLED, MOST_MISSING)
+    columns = [(rows.time_label, rows.times, 0.0), *zip(rows.labels, rows.signals, most, strict=False)]
     end = min(last_known(rows, *column) for column in columns)
     if end < rows.length:
         rows.repairs.append(f"incomplete rows at the end are left out: {rows.length - end}")

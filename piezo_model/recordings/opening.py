@@ -3,7 +3,7 @@ repaired and reported if that is safe, or refused with the row. Values that are 
 questioned.
 
 The repairs in order: unknown values (`bad_values`), the order of rows, parts and repeated stamps (`rows`), the clock
-(`clock`), isolated bad samples (`bad_values`), and an even clock by linear interpolation,
+(`clock`), isolated bad samples (`bad_values`), and an even clock by linear interpolation within each part,
 
     y(t_0 + k T) = y_i + (y_{i+1} − y_i) (t_0 + k T − t_i) / (t_{i+1} − t_i),   t_i ≤ t_0 + k T ≤ t_{i+1}.
 """
@@ -47,8 +47,9 @@ MOST_VOLTS, MOST_METRES, LONGEST_PERIOD_S = 1e4, 1.0, 60.0
 """Largest voltage, travel and sampling period that need no confirmation."""
 GUESS = " (seconds assumed; override with --time-unit)"
 MOST_SAMPLES = 1_000_000_000
-MOST_MULTIPLIED = 10
-"""Largest ratio of samples to rows that needs no confirmation."""
+MOST_MULTIPLIED, ON_A_ROW = 10, 1e-6
+"""Largest ratio of samples to rows that needs no confirmation; distance from a row, in rows, of a sample that is on
+it."""
 PREFIX = {"p": 1e-12, **PREFIXES}
 
 
@@ -170,6 +171,7 @@ def _sampled(rows: Rows, period: float, options: ReadOptions) -> float:
     interpolate_unknown(rows)
     refuse_sorted(rows)
     begin_parts(rows, even=options.resample is None)
+    drop_repeats(rows, least_same=1.0)
     sample_time = _sampling(rows, period, options)
     discount_held_outputs(rows)
     replace_bad_samples(rows)
@@ -206,13 +208,16 @@ def _resampled(rows: Rows, period: float, options: ReadOptions) -> float:
             "times in another unit? --time-unit states or confirms it"
         )
     grid = times[0] + period / rows.unit * np.arange(length)
+    at = np.interp(grid, times, np.arange(count))
+    grid = grid[(np.abs(at - np.round(at)) < ON_A_ROW) | ~np.isin(np.ceil(at), rows.starts[1:])]  # not between parts
     rows.signals = [np.interp(grid, times, signal) for signal in rows.signals]
     near = is_near(grid, times, max(period / rows.unit, float(np.median(np.diff(times)))))
     rows.uncounted = (np.interp(grid, times, rows.uncounted) > 0.0) | ~near
     rows.starts = np.unique(np.searchsorted(grid, times[rows.starts])).tolist()
-    rows.times = grid
-    far = f"; {np.count_nonzero(~near)} of {length} samples are far from a row, and not counted" * (not near.all())
-    rows.remarks.append(f"interpolated from {count} rows at the times of the file{far}")
+    rows.remarks.append(
+        f"interpolated from {count} rows at the times of the file"
+        + f"; {np.count_nonzero(~near)} of {near.size} samples are far from a row, and not counted" * (not near.all())
+    )
     return period
 
 

@@ -202,11 +202,12 @@ def _refuse_other_rates(rows: Rows) -> None:
         )
 
 
-def drop_repeats(rows: Rows) -> bool:
-    """Drop rows that repeat the previous time, if nearly all also repeat its values; True if any were dropped."""
+def drop_repeats(rows: Rows, least_same: float = SAME_VALUES) -> bool:
+    """Drop rows that repeat the previous time, if at least this fraction also repeats its values; True if any were
+    dropped."""
     again = np.flatnonzero(np.diff(rows.times) == 0.0) + 1
     same = np.all([np.diff(signal)[again - 1] == 0.0 for signal in rows.signals], axis=0)
-    if not again.size or np.count_nonzero(same) < SAME_VALUES * again.size:
+    if not again.size or np.count_nonzero(same) < least_same * again.size:
         return False
     rows.repairs.append(
         f"{again.size} of {rows.length} rows repeat the time of the previous row, nearly all with the same values, and "

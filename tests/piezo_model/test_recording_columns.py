@@ -186,6 +186,12 @@ def test_rounding_of_printed_times_and_jitter_within_the_tolerance_are_no_irregu
     assert found == pytest.approx(sample_time, rel=rel)
 
 
+def test_rows_that_are_written_twice_are_dropped_where_the_last_digit_is_a_period_long(tmp_path: Path) -> None:
+    rows = sorted([*range(300), *range(0, 300, 5)])
+    found = Recording.open(text_file(tmp_path, HEADER, *(f"0.{k:03d},{k % 7},{k % 5}" for k in rows)))
+    assert (found.sample_time, found.length) == (1e-3, 300)
+
+
 @pytest.mark.parametrize(
     ("times", "sample_time"),
     [
