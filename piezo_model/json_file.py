@@ -7,6 +7,7 @@ that JSON lacks as ``{"float": "nan"}`` and the like.
 """
 
 import base64
+import json
 import math
 import re
 import textwrap
@@ -16,6 +17,8 @@ from typing import Annotated, Any, ClassVar, Literal, NoReturn, TypeVar, get_ori
 
 import msgspec
 import numpy as np
+
+from piezo_model.atomic_file import write_text
 
 T = TypeVar("T")
 
@@ -49,6 +52,14 @@ def read(path: str | Path, schema: type[T], refused: type[ValueError] = ValueErr
         raise refused(f"{path}: cannot be read ({error.strerror})") from None
     except ValueError as error:
         raise refused(f"{path}: {brief(error)}") from None
+
+
+def write(path: str | Path, content: Mapping[str, Any], refused: type[ValueError]) -> None:
+    """Replace a file as a whole; the error is a sentence that names the file, and the reason or the wrong field."""
+    try:
+        write_text(path, json.dumps(packed(content), indent=1) + "\n")
+    except (OSError, ValueError) as error:
+        raise refused(f"{path}: cannot be written: {getattr(error, 'strerror', '') or brief(error)}") from None
 
 
 def brief(error: Exception) -> str:

@@ -11,7 +11,6 @@ Source: K. Kuhnen, European Journal of Control 9 (2003) 407–418; `operators` f
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -24,10 +23,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from piezo_model import checks, json_file, simulation
-from piezo_model.atomic_file import write_text
 from piezo_model.core import Immutable
 from piezo_model.dynamics import Dynamics, KnownDynamics, delayed
-from piezo_model.json_file import LARGEST, Number, ReadOnly, packed, unpacked
+from piezo_model.json_file import LARGEST, Number, ReadOnly, unpacked
 from piezo_model.operator_state import OperatorState, States
 from piezo_model.structure import SMALLEST, ModelStructure
 from piezo_model.units import quantity
@@ -451,10 +449,7 @@ class HysteresisCreepModel(Immutable):
 
     def save(self, path: str | Path) -> None:
         """Write the model as JSON; the file is replaced as a whole."""
-        try:
-            write_text(path, json.dumps(packed(self.to_dict()), indent=1) + "\n")
-        except OSError as error:
-            raise ModelError(f"{path}: cannot be written: {error.strerror or error}") from None
+        json_file.write(path, self.to_dict(), ModelError)
 
     @classmethod
     def load(cls, path: str | Path) -> HysteresisCreepModel:

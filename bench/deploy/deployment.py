@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -10,8 +9,7 @@ import msgspec
 
 from bench.messages.task import Tier
 from piezo_model import SelfLearningCompensator, checks, json_file
-from piezo_model.atomic_file import write_text
-from piezo_model.json_file import Number, packed
+from piezo_model.json_file import Number
 from piezo_model.learning.settings import LearningSettings, Mode
 from piezo_model.model import HysteresisCreepModel, ModelError, ModelFile
 from solvers import Lane
@@ -59,8 +57,7 @@ class Deployment(json_file.Versioned, Generic[Model], kw_only=True):
     def save(self: Deployment[HysteresisCreepModel], path: str | Path) -> None:
         """Write JSON; the file is replaced as a whole."""
         data = {**msgspec.structs.asdict(self), "model": self.model.to_dict()}
-        with checks.refusing(ModelError, f"{path}: cannot be written: "):
-            write_text(path, json.dumps(packed(data), indent=1) + "\n")
+        json_file.write(path, data, ModelError)
 
     @classmethod
     def load(cls, path: str | Path) -> Deployment[HysteresisCreepModel]:

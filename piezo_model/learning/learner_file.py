@@ -9,7 +9,6 @@ from typing import Any
 import msgspec
 
 from piezo_model import checks, json_file
-from piezo_model.atomic_file import write_text
 from piezo_model.json_file import packed, unpacked
 from piezo_model.model import ModelError
 
@@ -40,7 +39,7 @@ def write_learner(path: str | Path, settings: Mapping[str, Any], state: Mapping[
         "settings": packed(settings),
         "state": packed(state),
     }
-    write_text(path, json.dumps({**content, "checksum": _checksum(content)}, indent=1, allow_nan=False) + "\n")
+    json_file.write(path, {**content, "checksum": _checksum(content)}, ModelError)
 
 
 def read_learner(path: str | Path) -> tuple[dict[str, Any], dict[str, Any]]:
