@@ -80,12 +80,11 @@ def sampling(rows: Rows, tolerance: float, even: bool = True) -> float:
     RecordingError
         Times that run backwards or stand still, or with ``even`` times with gaps or jitter.
     """
-    times, n = rows.times, rows.length
+    times, head, n = rows.times, rows.times[:WINDOW], rows.length
     for at in np.flatnonzero(times[1:] < times[:-1])[:1] + 1:
         before, after = map(rows.seconds, times[at - 1 : at + 1])
         raise rows.refusal(f"runs backwards in {rows.where(int(at))}: {after} follows {before}")
-    mean, (digit, exact) = float(times[-1] - times[0]) / (n - 1), printed_digit(times[:WINDOW])
-    head = times[:WINDOW]
+    mean, (digit, exact) = float(times[-1] - times[0]) / (n - 1), printed_digit(head)
     period = float(head[-1] - head[0]) / (head.size - 1)
     shows = _rounding_shows(np.diff(head), tolerance * period, period / digit)
     resolution = digit if shows else exact
