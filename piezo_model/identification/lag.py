@@ -6,7 +6,7 @@ together with creep and a drift.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -78,20 +78,26 @@ def fit_lag(
         fits = (trials.fit(parameters, near, steps=STEPS, further=drift) for near in nears)
         return min(fits, key=lambda fit: fit.cost)
 
-    delays = [Parameters(Dynamics((), (), (), begin.lag_s(T)), T, free=True) for begin in begins]
-    lagging = min((best_fit(delay, None) for delay in delays), key=lambda fit: fit.cost)
+    lagging = min(
+        (best_fit(Parameters(Dynamics((), (), (), begin.lag_s(T)), T, free=True), None) for begin in begins),
+        key=lambda fit: fit.cost,
+    )
     if option != "remove":
         amplifier = best_fit(Parameters(begins[0], T, free=True, with_lag=True), None, lagging)
         lagging = amplifier if amplifier.cost < CLEAR * lagging.cost else lagging
     prompt, own = best_fit(Parameters(Dynamics((), (), (), 0.0), T), None, lagging), parameters_of(lagging)
     samples = float(own.vector.sum())
-    uncertainty = DEVIATIONS * math.sqrt(np.diag(lagging.covariance)[trials.structure.d + 1 :].max())
+    # a lag of 0 is at its bound; how long it may be is the deviation that it would have as a free unknown
+    released = replace(lagging, free=lagging.free | (np.arange(lagging.free.size) > trials.structure.d))
+    uncertainty, largest = (
+        DEVIATIONS * math.sqrt(np.diag(fit.covariance)[trials.structure.d + 1 :].max()) for fit in (lagging, released)
+    )
     is_significant = samples > max(SMALLEST_LAG, uncertainty) and (lagging.cost < (1.0 - GAIN) ** 2 * prompt.cost)
     at_edge = bool(own.vector.max() > LONGEST - RESOLUTION)
     certain, remove = is_significant and not at_edge, option == "remove"
     return lagging, Lag(
         samples,
-        T * (samples + uncertainty),
+        T * (samples + largest),
         own.start.amplifier_lag_s,
         certain and remove,
         certain and not remove and choice == "estimate",
