@@ -14,10 +14,9 @@ import numpy as np
 from qpsolvers import Problem
 from scipy.sparse import csc_matrix, vstack
 
-from piezo_model import checks
+from piezo_model.checks import check as check
 from solvers.arrays import Vector
 
-check = checks.check
 INFINITY = 1e20
 """Smallest magnitude that means infinity."""
 SYMMETRY = 1e-12

@@ -88,8 +88,7 @@ def _with_modes(
         return None, None
     spectra = Spectra(head)
     peak = spectra.peak()
-    unseen = peak.damping > LIGHTLY_DAMPED and peak.frequency_Hz > highest_frequency(head)
-    if unseen or not peak.is_plausible:
+    if not peak.is_plausible or (peak.damping > LIGHTLY_DAMPED and peak.frequency_Hz > highest_frequency(head)):
         return None, None
     share = 1.0 if peak.share > WHOLE else max(peak.share, SMALLEST_GAIN)
     begin = Dynamics((peak.frequency_Hz,), (peak.damping,), (share,), DELAY * T)
