@@ -193,8 +193,11 @@ class ForwardFit(Trial):
     @cached_property
     def covariance(self) -> Matrix:
         """Covariance of (v, further, θ); 0 for unknowns that are not free."""
-        samples = int(np.count_nonzero(self.counted))
-        return self.cost * self.autocorrelation_time / samples * inverse_over(self.P, self.free)
+        return self.covariance_over(self.free)
+
+    def covariance_over(self, free: Mask) -> Matrix:
+        """The covariance that these unknowns would have if they were the free ones."""
+        return self.cost * self.autocorrelation_time / np.count_nonzero(self.counted) * inverse_over(self.P, free)
 
     def improved_by(self, other: ForwardFit, unknowns: int) -> bool:
         """True if another fit is better by more than its further unknowns are worth."""

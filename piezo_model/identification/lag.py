@@ -6,7 +6,7 @@ together with creep and a drift.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -88,9 +88,10 @@ def fit_lag(
     prompt, own = best_fit(Parameters(Dynamics((), (), (), 0.0), T), None, lagging), parameters_of(lagging)
     samples = float(own.vector.sum())
     # a lag of 0 is at its bound; how long it may be is the deviation that it would have as a free unknown
-    released = replace(lagging, free=lagging.free | (np.arange(lagging.free.size) > trials.structure.d))
+    of_lags = np.arange(lagging.free.size) > trials.structure.d
     uncertainty, largest = (
-        DEVIATIONS * math.sqrt(np.diag(fit.covariance)[trials.structure.d + 1 :].max()) for fit in (lagging, released)
+        DEVIATIONS * math.sqrt(np.diag(lagging.covariance_over(free))[of_lags].max())
+        for free in (lagging.free, lagging.free | of_lags)
     )
     is_significant = samples > max(SMALLEST_LAG, uncertainty) and (lagging.cost < (1.0 - GAIN) ** 2 * prompt.cost)
     at_edge = bool(own.vector.max() > LONGEST - RESOLUTION)
