@@ -67,7 +67,7 @@ LEARNER = (
     "descent.c",
     "acceleration.c",
     "regressors.h",
-    *(f"{name}.c" for name in ("continuous", "cyclic", "learner", "noise", "optimum")),
+    *(f"{name}.c" for name in ("continuous", "cyclic", "direction", "learner", "noise", "offer", "optimum", "rows")),
     "learner.h",
 )
 """Files of the core: always, and with a learner; preprocessor conditions select the code for the kind of learning."""

@@ -5,9 +5,9 @@
  *
  * The candidate is the optimum of G at the last interval. At the end of an interval it replaces the weights in use if
  * it predicted the interval at least as well, and the optimum of the present G becomes the next candidate. Weights are
- * handed over only while the output rises with the input (learner.c) and the drive of the last one to two half windows
- * covers enough of its range. While it covers less, after the first hand-over, learning pauses as well: G would decay
- * and be filled with sensor noise.
+ * handed over only while the output rises with the input (direction.c) and the drive of the last one to two half
+ * windows covers enough of its range. While it covers less, after the first hand-over, learning pauses as well: G would
+ * decay and be filled with sensor noise.
  *
  * A sensor fault loses nothing that was learned before it, and keeps nothing learned from a failing sensor:
  *
@@ -176,6 +176,24 @@ static void learn(const Learner *l, const Block *block, const BlockSummary *b, n
     N(noise_add)(l, block, which);
 }
 
+/* Compute the next candidate, or leave its program to a solver outside; begin anew where it has no optimum. */
+static int next_candidate(const Learner *l, num which)
+{
+    LearnerMemory *const m = l->memory;
+    if (SOLVER(l->settings) == ANSWERED) { /* of a single learner only */
+        N(learner_program)(l, 0);
+        return PROGRAM;
+    }
+    const num failed = N(learner_optimum)(l, which);
+    if (!any(failed)) {
+        return 0;
+    }
+    m->failures = plus(m->failures, failed);
+    set_where(failed, &m->has_checkpoint, constant(0)); /* the checkpoint has the same data */
+    N(learner_begin_anew)(l, failed, m->level);
+    return NO_OPTIMUM;
+}
+
 /* Offer the candidate where it predicted at least as well as the weights in use, and compute the next one. */
 static int end_interval(const Learner *l, const BlockSummary *b, num looked_at, num excited)
 {
@@ -210,7 +228,7 @@ static int end_interval(const Learner *l, const BlockSummary *b, num looked_at, 
     m->reversed = plus(m->reversed, falls);
     m->refusals = plus(m->refusals, logical_or(falls, logical_and(judged, is_not(better))));
     if (any(judged)) {
-        events |= N(learner_optimum)(l, judged);
+        events |= next_candidate(l, judged);
     }
     clear_errors(m, looked_at);
     const int checks = checkpoint && any(is_not(less(constant(0), m->reset_remaining))) && !(events & FIRST);

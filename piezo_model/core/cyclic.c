@@ -2,7 +2,7 @@
  *
  *     reset    only the operator states advance                          ends after a number of good samples in a row
  *     build    good samples are added to the Gram matrix                 ends after a number of good samples, when the
- *                                                                        direction of the output is known (learner.c)
+ *                                                                        direction of the output is known (direction.c)
  *     learn    one step w <- Proj(w - eta (P w + q)) for each sample,    ends after a number of samples
  *              or waiting for the answer of another solver
  *

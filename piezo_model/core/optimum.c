@@ -10,12 +10,6 @@
 
 #define UNREACHED ((real)1e-20) /* share of the mean diagonal below which an unknown is unreached */
 
-#ifdef CORE_TILE
-#define ONLY(lane) with_lane(zeros(), lane, 1)
-#else
-#define ONLY(lane) ((void)(lane), (num)1)
-#endif
-
 void N(learner_program)(const Learner *l, int lane)
 {
     const int d = l->d;
@@ -52,24 +46,14 @@ static int solve(const Learner *l, int lane)
     return is_solved;
 }
 
-int N(learner_optimum)(const Learner *l, num which)
+num N(learner_optimum)(const Learner *l, num which)
 {
-    LearnerMemory *const m = l->memory;
-    int events = 0;
-    if (SOLVER(l->settings) == ANSWERED) { /* of a single learner only */
-        N(learner_program)(l, 0);
-        return PROGRAM;
-    }
+    num failed = constant(0);
     for (int lane = 0; lane < WIDTH; ++lane) {
         if (*entry(&which, 0, lane) > 0) {
             N(learner_program)(l, lane);
-            if (!solve(l, lane)) {
-                *entry(&m->failures, 0, lane) += 1;
-                *entry(&m->has_checkpoint, 0, lane) = 0; /* the checkpoint has the same data */
-                N(learner_begin_anew)(l, ONLY(lane), m->level);
-                events = NO_OPTIMUM;
-            }
+            *entry(&failed, 0, lane) = !solve(l, lane);
         }
     }
-    return events;
+    return failed;
 }

@@ -371,7 +371,7 @@ def output_of(source: Path, folder: Path, *options: str) -> str:
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("options", [(), ("-DCORE_PLAIN",)], ids=" ".join)
 def test_the_box_solver_passes_its_test_in_C_with_vectors_and_without(options: tuple[str, ...], tmp_path: Path) -> None:
-    assert output_of(FOLDER / "test" / "test_box.c", tmp_path, *options) == ""
+    assert output_of(Path(__file__).with_name("test_box.c"), tmp_path, *options) == ""
 
 
 @pytest.mark.sample(1)

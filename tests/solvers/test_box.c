@@ -1,6 +1,6 @@
 /* Tests of the exact box solver, see box.h; they need a C compiler alone:
  *
- *     cc -std=c99 -O2 -ffp-contract=off -Isolvers/core solvers/core/test/test_box.c solvers/core/box_*.c -lm
+ *     cc -std=c99 -O2 -ffp-contract=off -Isolvers/core tests/solvers/test_box.c solvers/core/box_*.c -lm
  *
  * The program prints each condition that does not hold, and ends with their number.
  */
