@@ -27,7 +27,7 @@ from solvers.arrays import Matrix, Vector
 
 Learn = Literal["continuous", "cyclic", "off"]
 SWEPT, BEYOND = 1_000, 0.01
-"""Samples of the sweep through the drive's limits, and largest excess over the outputs that it reaches, as a share of
+"""Samples of the sweep through the drives, and largest excess over the outputs that it reaches, as a share of
 them, that is not mentioned: creep reaches a little further."""
 MOST_SAMPLES, LEAST_PHASE = 100_000, 1e-7
 """Most samples of a sine before it repeats, unless one period is longer, and least share of a period in a sample."""
@@ -94,8 +94,9 @@ class LiveSettings:
         return errors, f"Tracking error{after_lag} over the last {errors.size / self.rate:.3g} s: {rms} RMS."
 
     def out_of_reach(self) -> str:
-        """A sentence if the stage cannot follow the reference by its first model; empty if it can."""
-        up, y_ref = np.linspace(*self.declared.x_limits, SWEPT), self.reference
+        """A sentence if the stage cannot follow the reference by its first model, in the range of that; empty if it
+        can."""
+        up, y_ref = np.linspace(*np.clip(self.declared.x_limits, *self.model.structure.x_range), SWEPT), self.reference
         y = self.model.static.simulate(np.concatenate([up, up[::-1]]))
         if max(y.min() - y_ref.min(), y_ref.max() - y.max()) <= BEYOND * np.ptp(y):
             return ""

@@ -140,6 +140,18 @@ def test_a_reference_that_the_stage_cannot_reach_is_followed_and_said_to_be(
     assert [words in said for words in both] == [is_said, True]
 
 
+@pytest.mark.parametrize(("x_range", "is_said"), [((0.0, 150.0), False), ((60.0, 80.0), True)])
+def test_a_reference_beyond_the_range_of_the_model_is_said_to_be(x_range: tuple[float, float], is_said: bool) -> None:
+    declared = Declared("V", "um", (0.0, 150.0), (-20.0, 20.0), 3_333.0, 0.0)
+    y_range = tuple(float(x) * 40.0 / 150.0 - 20.0 for x in x_range)
+    model = first_model(None, Declared("V", "um", x_range, y_range, 3_333.0, 0.0), 1e-3)
+    settings = LiveSettings(
+        SimpleNamespace, "", declared, model, True, "off", 0.0, np.array([-15.0, 15.0]), "", 1e3, 0.0
+    )
+    said = "The reference goes from -15 µm to 15 µm, and the stage, by its model, from -4 µm to 1.33 µm."
+    assert settings.out_of_reach() == said * is_said
+
+
 def test_a_simulated_stage_follows_the_clock_if_the_loop_is_late() -> None:
     stage = SimulatedStage("maxwell_slip", sample_time=0.05, noise_um=0.0)
     stage.exchange(100.0)
