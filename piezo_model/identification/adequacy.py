@@ -7,7 +7,7 @@ falls and rises again are refused by their names. A refusal is one sentence.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,24 +60,36 @@ def check_adequacy(recording: Recording, fitted: ForwardFit, skip: int, fit: Fit
     follows = line < FOLLOWS * float(v.std())
     noise = follows and (line == FLOOR or correlation(own) < WHITE)
     period = 2.0 * math.pi / math.acos(1.0 - min(max(roughness(u), ROUGH), 2.0))
-    reasons = {
-        f"the drive is undersampled, with {period:.1f} samples a period, or aliased, so that its turning points, "
-        "on which hysteresis depends, are lost": roughness(u) > ROUGH
-        and error > UNDERSAMPLED * line > UNDERSAMPLED * NOTABLE
-        and not (noise and error > LOOPS * line),
-        "the output falls and rises again on one way of the drive, as the butterfly of a strain over a field, "
-        "or as an output that is late": not (follows or faults) and error > POOR and roughness(v) < ROUGH,
-        "the model class does not describe these data": not noise
-        and error > (IGNORED if dynamics_ignored else NO_BETTER) * line,
-    }
-    refusal = outlier(recording, counted, s.output_unit)
-    if refusal is None and any(reasons.values()):
-        reason = next(why for why, applies in reasons.items() if applies)
+    reasons = applicable(
+        (
+            roughness(u) > ROUGH
+            and error > UNDERSAMPLED * line > UNDERSAMPLED * NOTABLE
+            and not (noise and error > LOOPS * line),
+            f"the drive is undersampled, with {period:.1f} samples a period, or aliased, so that its turning points, "
+            "on which hysteresis depends, are lost",
+        ),
+        (
+            not (follows or faults) and error > POOR and roughness(v) < ROUGH,
+            "the output falls and rises again on one way of the drive, as the butterfly of a strain over a field, "
+            "or as an output that is late",
+        ),
+        (
+            not noise and error > (IGNORED if dynamics_ignored else NO_BETTER) * line,
+            "the model class does not describe these data",
+        ),
+    )
+    refusal, reason = outlier(recording, counted, s.output_unit), next(reasons, None)
+    if refusal is None and reason is not None:
         own_error = f"{percent(100.0 * error)} with this model" if error < line else "and this model is no better"
         refusal = f"{reason}: RMS residual {percent(100.0 * line)} of range with a straight line, {own_error}"
     if not (faults or refusal) and (left := unexplained(signals)):
         faults = [left]
     return Adequacy(refusal, is_monotonic(u), faults)
+
+
+def applicable(*sentences: tuple[object, object]) -> Iterator[str]:
+    """The sentences, each behind its condition, of which the condition holds."""
+    return (str(sentence) for applies, sentence in sentences if applies)
 
 
 def is_monotonic(x: Vector) -> bool:

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, is_dataclass
 from typing import Any
 
-from piezo_model.identification.adequacy import Adequacy
+from piezo_model.identification.adequacy import Adequacy, applicable
 from piezo_model.identification.creep import CreepEvidence
 from piezo_model.identification.drive import Identifiability
 from piezo_model.identification.dynamics_finding import DynamicsFinding
@@ -109,7 +109,8 @@ class FitReport:
         fit, verdict, unreached = self.fit, self.adequacy, ", ".join(self.excitation.unreached)
         creep = self.evidence.sentence(s.creep_rates, self.creep_chosen)
         cause = " as a switch-on transient" * (fit.skipped_max_percent > FAR_MORE * fit.max_percent)
-        for applies, sentence in (
+        shows_dynamics = self.dynamics and (self.dynamics.kept or self.drive.highest_Hz)
+        return applicable(
             (verdict.refusal, f"The model was forced although {verdict.refusal}."),
             *((True, fault) for fault in verdict.faults),
             (
@@ -148,15 +149,10 @@ class FitReport:
                 f"The first {fit.skipped} samples ({quantity(fit.skipped * s.sample_time, 's', 3)}) are excluded"
                 f"{cause}, with errors of up to {percent(fit.skipped_max_percent)}.",
             ),
-        ):
-            if applies:
-                yield sentence
-        if self.trend is not None:
-            yield self._trend_sentence(self.trend, shown(s.output_unit))
-        if self.dynamics is not None and (self.dynamics.kept or self.drive.highest_Hz):
-            yield from self.dynamics.sentences()
-        if self.lag is not None and self.lag.is_significant:
-            yield self.lag.sentence(s.sample_time)
+            (self.trend, self.trend and self._trend_sentence(self.trend, shown(s.output_unit))),
+            *((shows_dynamics, sentence) for sentence in (self.dynamics.sentences() if self.dynamics else ())),
+            (self.lag and self.lag.is_significant, self.lag and self.lag.sentence(s.sample_time)),
+        )
 
     @property
     def _trend_kind(self) -> str:
@@ -177,27 +173,27 @@ class FitReport:
     def _facts(self, s: ModelStructure) -> Iterator[str]:
         """Further sentences, for the page."""
         rates = ", ".join(f"{rate:g}" for rate in s.creep_rates)
-        slight_lag = self.lag is not None and not self.lag.is_significant
-        for applies, sentence in (
+        steps = ", followed by Gauss–Newton steps that minimise the output error" * (self.estimator == "forward")
+        return applicable(
             (True, self._drive_sentence),
             (self.start in STARTS, STARTS.get(self.start)),
-            (slight_lag, self.lag and self.lag.sentence(s.sample_time)),
+            (self.lag and not self.lag.is_significant, self.lag and self.lag.sentence(s.sample_time)),
             (
                 self.figures["creep_percent_per_decade"] and self.creep_chosen,
                 f"The data show creep, distinguishable from hysteresis, at rates of {rates} per second.",
             ),
             (True, self._figures(s)),
-        ):
-            if applies:
-                yield str(sentence)
-        steps = ", followed by Gauss–Newton steps that minimise the output error" * (self.estimator == "forward")
-        yield (
-            f"Program (6) was solved by {self.qp_solver.solver}{steps}; relative cost gap to its proven optimum "
-            f"{self.certificate.cost_gap:.1e}, condition number of P {self.excitation.condition:.1e}."
+            (
+                True,
+                f"Program (6) was solved by {self.qp_solver.solver}{steps}; relative cost gap to its proven optimum "
+                f"{self.certificate.cost_gap:.1e}, condition number of P {self.excitation.condition:.1e}.",
+            ),
+            (
+                True,
+                f"{self.qp_solver.passes} passes over the samples and {self.qp_solver.programs} quadratic programs.",
+            ),
+            (self.selection, self.selection and self.selection.sentence),
         )
-        yield f"{self.qp_solver.passes} passes over the samples and {self.qp_solver.programs} quadratic programs."
-        if self.selection is not None:
-            yield self.selection.sentence
 
     def _figures(self, s: ModelStructure) -> str:
         """The data-sheet figures, with their intervals."""

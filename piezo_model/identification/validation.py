@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 import piezo_model
-from piezo_model.identification.adequacy import outlier
+from piezo_model.identification.adequacy import applicable, outlier
 from piezo_model.identification.dynamics_parameters import Parameters
 from piezo_model.identification.error_model import ProgramSolver, States, counted_from, one_thread, percent_of
 from piezo_model.identification.fit_errors import Fit, fit_of
@@ -64,12 +64,12 @@ class Validation:
     def sentences(self) -> Iterator[str]:
         """The headline, then the other important sentences."""
         unit = self.model.structure.output_unit
-        own = "The model was fitted to this recording, so its errors say little about others." * self.own
-        yield from filter(None, (self.model.warning, self.fit.headline(unit, "on this recording"), own, self.units))
-        if self.outlier:
-            yield f"{self.outlier[0].upper()}{self.outlier[1:]}."
         reported = self.model.report.get("fit", {}).get("rms", math.inf)
-        for applies, sentence in (
+        return applicable(
+            *((sentence, sentence) for sentence in (self.model.warning, self.fit.headline(unit, "on this recording"))),
+            (self.own, "The model was fitted to this recording, so its errors say little about others."),
+            (self.units, self.units),
+            (self.outlier, self.outlier and f"{self.outlier[0].upper()}{self.outlier[1:]}."),
             (
                 self.fit.skipped,
                 f"The first {self.fit.skipped} samples are excluded as a switch-on transient, with errors of up to "
@@ -91,9 +91,7 @@ class Validation:
                 f"The drive exceeds the range of the identification by {percent(self.beyond_percent)} of that range, "
                 "where the model extrapolates; the constant shift is estimated within the range only.",
             ),
-        ):
-            if applies:
-                yield sentence
+        )
 
 
 @one_thread
