@@ -29,7 +29,6 @@ from scipy.optimize import nnls
 from scipy.signal import find_peaks
 from scipy.stats import linregress, theilslopes
 
-from piezo_model.identification.fit_errors import residual
 from piezo_model.recordings import Recording
 from piezo_model.units import percent, quantity
 from solvers.arrays import Mask, Vector
@@ -245,6 +244,11 @@ def faults_of(signals: Signals) -> list[str]:
     """The sentences of the first kind of faults that the signals show; none of a short recording."""
     kinds = ([*filter(None, (fault(signals) for fault in kind))] for kind in FAULTS if signals.u.size > 4 * SHIFTS)
     return next(filter(None, kinds), [])
+
+
+def residual(columns: np.ndarray, v: Vector) -> Vector:
+    """Residual (N,) of v (N,) for the best combination of the columns (N, p)."""
+    return np.asarray(v - columns @ np.linalg.lstsq(columns, v, rcond=None)[0])
 
 
 def _nearby(values: Vector | Mask) -> Vector:

@@ -12,7 +12,7 @@ sensor's noise, however long the recording is, since y is among its regressors; 
 
 With dynamics, ŷ in Ξ and s is the output before them, and the columns of J are filtered by them too. Their parameters
 are further unknowns, with finite differences of the simulated output as derivatives. The ringing of the modes from
-before the recording is part of ŷ (`initial_ringing`).
+before the recording is part of ŷ (`gram_matrix`).
 
 The initial states of a part are a memory curve: the play states z over their thresholds r begin at the input, z(0) = x,
 with |dz/dr| ≤ 1, and hold what remains of the past. Its slopes may be unknowns too. A play or creep state depends only
@@ -38,8 +38,7 @@ from piezo_model.dynamics import Dynamics
 from piezo_model.identification.autocorrelation import autocorrelation_time, independent_samples, inverse_over
 from piezo_model.identification.dynamics_parameters import STEP, Parameters
 from piezo_model.identification.error_model import ProgramSolver, States
-from piezo_model.identification.gram_matrix import at_period, gram_of
-from piezo_model.identification.initial_ringing import initial_ringing
+from piezo_model.identification.gram_matrix import at_period, gram_of, initial_ringing
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.operator_state import OperatorState, padded_thresholds
 from piezo_model.recordings import Recording

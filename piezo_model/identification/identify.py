@@ -5,7 +5,7 @@
     creep    creep and drift, if the data determine them                            `creep`
     orders   n and m, from one Gram matrix of all candidates                        `selection`
     fit      program (6) with its proof, then the smallest output error             `error_model`, `forward`
-    judge    errors compared with those of a line, adequacy, faults, intervals      `fit_errors`, `adequacy`, `faults`
+    judge    errors compared with those of a line, adequacy, faults, intervals      `adequacy`, `faults`
     report   numbers and sentences                                                  `report`
 
 Data that the model class does not describe are refused.
@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from piezo_model import checks
 from piezo_model.dynamics import Dynamics
 from piezo_model.figures import figures_of
-from piezo_model.identification.adequacy import Adequacy, check_adequacy
+from piezo_model.identification.adequacy import Adequacy, Fit, check_adequacy, fit_of
 from piezo_model.identification.creep import CreepEvidence, Estimate, course, determine
 from piezo_model.identification.drive import identifiability_of, orders_within
 from piezo_model.identification.dynamics import StaticView, separate
@@ -35,7 +35,6 @@ from piezo_model.identification.error_model import (
     percent_of,
     prove,
 )
-from piezo_model.identification.fit_errors import Fit, fit_of
 from piezo_model.identification.forward import Columns, ForwardFit, fit_forward
 from piezo_model.identification.gram_matrix import SAME_PERIOD
 from piezo_model.identification.intervals import intervals

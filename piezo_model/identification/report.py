@@ -8,12 +8,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, is_dataclass
 from typing import Any
 
-from piezo_model.identification.adequacy import Adequacy, applicable
+from piezo_model.identification.adequacy import Adequacy, Fit, applicable
 from piezo_model.identification.creep import CreepEvidence
 from piezo_model.identification.drive import Identifiability
 from piezo_model.identification.dynamics_finding import DynamicsFinding
 from piezo_model.identification.error_model import Certificate, ProgramSolver
-from piezo_model.identification.fit_errors import Fit
 from piezo_model.identification.lag import Lag
 from piezo_model.identification.selection import Selection
 from piezo_model.identification_problem import ExcitationReport

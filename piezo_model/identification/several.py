@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from piezo_model.identification.adequacy import Fit, fit_of
 from piezo_model.identification.creep import CreepEvidence, Estimate, candidate_rates, determine
 from piezo_model.identification.drive import identifiability_of
 from piezo_model.identification.dynamics import StaticView
@@ -28,7 +29,6 @@ from piezo_model.identification.error_model import (
     counted_from,
     percent_of,
 )
-from piezo_model.identification.fit_errors import Fit, fit_of
 from piezo_model.identification.forward import EXACT, Columns, ForwardFit, fit_forward
 from piezo_model.identification.gram_matrix import at_period
 from piezo_model.identification.lag import LagChoice

@@ -16,12 +16,11 @@ from typing import Any
 import numpy as np
 
 import piezo_model
-from piezo_model.identification.adequacy import applicable, outlier
+from piezo_model.identification.adequacy import Fit, applicable, fit_of, outlier
 from piezo_model.identification.dynamics_parameters import Parameters
 from piezo_model.identification.error_model import ProgramSolver, States, counted_from, one_thread, percent_of
-from piezo_model.identification.fit_errors import Fit, fit_of
 from piezo_model.identification.forward import NUDGE, Columns, ForwardFit, fit_forward, simulate
-from piezo_model.identification.initial_ringing import initial_ringing
+from piezo_model.identification.gram_matrix import initial_ringing
 from piezo_model.identification.start import initial_segment, longest_transient, start_of, transient, y_range
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
