@@ -33,7 +33,7 @@ import numpy as np
 
 from piezo_model.identification.autocorrelation import independent_samples
 from piezo_model.identification.error_model import ProgramSolver
-from piezo_model.identification.forward import EXACT, ForwardFit
+from piezo_model.identification.forward import EXACT, Columns, ForwardFit
 from piezo_model.identification.gram_matrix import STILL
 from piezo_model.operators import creep, play
 from piezo_model.recordings import Recording
@@ -65,7 +65,7 @@ UNDETERMINED, INDISTINCT, ABSENT = (
     "The recording shows no creep, although its drive would show it.",
 )
 
-Columns = list[tuple[Vector, float]]
+LimitedColumns = list[tuple[Vector, float]]
 """Columns (M,), each with the upper limit of its coefficient."""
 
 
@@ -138,6 +138,12 @@ class CreepEvidence:
         limits = np.zeros(s.n + 1)
         limits[0] = self.creep.limits[1] * float(np.mean(fit.v[fit.structure.slices[1]]))
         return limits
+
+    def trend_column(self, recording: Recording) -> Columns:
+        """The column of the trend, within its limits; none without a trend."""
+        if self.trend is None:
+            return Columns.none(recording.length)
+        return Columns.of(course(recording.time, recording.duration_s, self.settling), *self.trend.limits)
 
 
 def candidate_rates(sample_time: float, duration_s: float) -> tuple[float, ...]:
@@ -261,7 +267,9 @@ def _judge(
     )
 
 
-def _fit(error: Vector, columns: Columns, independent: Callable[[Vector], float]) -> tuple[list[Estimate], Vector]:
+def _fit(
+    error: Vector, columns: LimitedColumns, independent: Callable[[Vector], float]
+) -> tuple[list[Estimate], Vector]:
     """Coefficients of the columns by least squares, clipped in turn to 0 and their limits, and the residual (M,)."""
     matrix, values = np.column_stack([column for column, _ in columns] or [error]), []
     for i, (column, limit) in enumerate(columns):
@@ -274,7 +282,7 @@ def _fit(error: Vector, columns: Columns, independent: Callable[[Vector], float]
 
 
 def _gain(
-    error: Vector, columns: Columns, more: Columns, independent: Callable[[Vector], float]
+    error: Vector, columns: LimitedColumns, more: LimitedColumns, independent: Callable[[Vector], float]
 ) -> tuple[float, float]:
     """The fraction of the residual of some columns, beyond noise, that further columns explain, and its χ²."""
     fewer, residual = (_fit(error, regressors, independent)[1] for regressors in (columns, columns + more))

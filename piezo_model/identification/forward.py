@@ -289,7 +289,7 @@ def fit_forward(
     further = further or Columns.none(recording.length)
     parts, free_parts = recording.parts, np.flatnonzero(np.array(searched, dtype=bool)).tolist()
     n, d, k = s.n * len(free_parts), s.d, further.lb.size
-    box = _bounds(s, n, further, creep_limits, parameters)
+    box = bounds(s, further, creep_limits, n, parameters)
     if weights_known:
         box.lb[:d] = box.ub[:d] = v
     theta, with_lag = (np.zeros(0), False) if parameters is None else (parameters.vector, parameters.with_lag)
@@ -381,8 +381,12 @@ def fit_forward(
     )
 
 
-def _bounds(
-    s: ModelStructure, n: int, further: Columns, creep_limits: Vector | None, parameters: Parameters | None
+def bounds(
+    s: ModelStructure,
+    further: Columns,
+    creep_limits: Vector | None,
+    n: int = 0,
+    parameters: Parameters | None = None,
 ) -> Box:
     """Bounds of all unknowns z, among them n initial slopes."""
     theta_lb, theta_ub = (np.zeros(0), np.zeros(0)) if parameters is None else parameters.bounds

@@ -22,7 +22,7 @@ from piezo_model import checks
 from piezo_model.dynamics import Dynamics
 from piezo_model.figures import figures_of
 from piezo_model.identification.adequacy import Adequacy, Fit, check_adequacy, fit_of
-from piezo_model.identification.creep import CreepEvidence, Estimate, course, determine
+from piezo_model.identification.creep import CreepEvidence, Estimate, determine
 from piezo_model.identification.drive import identifiability_of, orders_within
 from piezo_model.identification.dynamics import StaticView, separate
 from piezo_model.identification.dynamics_parameters import Parameters
@@ -49,7 +49,7 @@ from piezo_model.identification.selection import (
     select,
 )
 from piezo_model.identification.several import JointStart, align, concatenate, joint_start, split_fit
-from piezo_model.identification.start import USUAL, InitialFit, prepare, structure_of, y_range
+from piezo_model.identification.start import SEARCHED, USUAL, InitialFit, prepare, structure_of, y_range
 from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.model import HysteresisCreepModel, Provenance
 from piezo_model.operator_state import OperatorState, States
@@ -58,9 +58,6 @@ from piezo_model.structure import ModelStructure
 from solvers.arrays import Vector
 
 Estimator = Literal["forward", "error-model"]
-
-STEPS = 6
-"""Most Gauss–Newton steps of the final fit."""
 
 
 @dataclass(frozen=True)
@@ -285,9 +282,7 @@ class Identification:
             for candidates, limit, order in zip(orders, most, (options.n, options.m), strict=True)
         )
         counted = counted_from(recording, initial.skip)
-        selection = select(
-            recording, counted, fit, evidence, rates, self.qp_solver, self.span, self.levels.signals, ns, ms
-        )
+        selection = select(recording, counted, fit, evidence, rates, self.qp_solver, self.span, self.levels, ns, ms)
         return selection if None in (options.n, options.m) else None, selection.chosen
 
     def fit(self, guess: InitialGuess) -> FinalFit:
@@ -312,8 +307,7 @@ class Identification:
                 states,
                 v,
                 qp_solver,
-                steps=STEPS,
-                searched=self.initial.searched,
+                searched=[start == SEARCHED for start in self.initial.starts],
                 further=further,
                 creep_limits=limits,
                 parameters=parameters,
@@ -324,10 +318,7 @@ class Identification:
             other = fit_from(guess.states, s.inverse_slope_map @ optimal, self.levels)
             fit = min(fit, other, key=lambda fit: fit.cost)
         if (trend := self.evidence.trend) is not None:
-            further = self.levels.append(
-                Columns.of(course(recording.time, recording.duration_s, self.evidence.settling), *trend.limits)
-            )
-            other = fit_from(fit.states, fit.v, further)
+            other = fit_from(fit.states, fit.v, self.levels.append(self.evidence.trend_column(recording)))
             if fit.improved_by(other, 1):
                 return FinalFit(problem, optimal, other, trend)
         return FinalFit(problem, optimal, fit, None)

@@ -58,18 +58,10 @@ class Peak:
     frequency_Hz: float
     damping: float
     gain: float
-    inside: bool
-    """True if the frequency is not at an end of the scan."""
     share: float
     """Its share of the static gain; the rest is residual compliance."""
-    samples: int
-    """Samples of the recording."""
-
-    @property
-    def is_plausible(self) -> bool:
-        """True if the peak may be a mode."""
-        gains = self.gain > max(GAIN, CHANCE_GAIN / self.samples)
-        return gains and self.inside and LEAST_DAMPED < self.damping < MOST_DAMPED
+    is_plausible: bool
+    """True if the peak may be a mode: it gains enough, and is at no end of the scan."""
 
 
 class Spectra:
@@ -146,8 +138,9 @@ class Spectra:
         best, before = others.with_mode(mode(result.x)), self.squares - others.explained()
         gain = 1.0 - (self.squares - best.explained()) / before if before > 0.0 else 0.0
         gains, (f, zeta) = best.coefficients().sum(axis=-1), mode(result.x).tolist()
-        inside = bool(ends[0] * MARGIN < f < ends[1] / MARGIN)
-        return Peak(f, zeta, float(gain), inside, float(gains[-2:].sum() / gains.sum()), self.samples)
+        inside = ends[0] * MARGIN < f < ends[1] / MARGIN and LEAST_DAMPED < zeta < MOST_DAMPED
+        plausible = bool(inside and gain > max(GAIN, CHANCE_GAIN / self.samples))
+        return Peak(f, zeta, float(gain), float(gains[-2:].sum() / gains.sum()), plausible)
 
     def beside(self, g: Dynamics) -> Peak | None:
         """A plausible mode in addition to those of G; None without one."""

@@ -28,9 +28,9 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import median_filter
 
-from piezo_model.identification.creep import CreepEvidence, course
+from piezo_model.identification.creep import CreepEvidence
 from piezo_model.identification.error_model import ProgramSolver, States, percent_of
-from piezo_model.identification.forward import MIN_SLOPE, Box, ForwardFit, piece_slopes
+from piezo_model.identification.forward import Columns, ForwardFit, bounds, piece_slopes
 from piezo_model.identification.gram_matrix import gram_of
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
@@ -137,25 +137,26 @@ def select(
     rates: Sequence[Sequence[float]],
     qp_solver: ProgramSolver,
     span: float,
-    levels: Matrix,
-    ns: Sequence[int] = HYSTERESIS_ORDERS,
-    ms: Sequence[int] = SUPERPOSITION_ORDERS,
+    levels: Columns,
+    ns: Sequence[int],
+    ms: Sequence[int],
 ) -> Selection:
     """Choose the orders among ``ns`` and ``ms``, and one of several sets of creep rates, in the neighbourhood of a fit.
-    ``span`` is the output's full range; ``levels`` (N, k) are columns with weights of their own.
+    ``span`` is the output's full range; ``levels`` are columns with weights of their own.
 
     Candidates with too many weights for the samples are omitted, except the first.
     """
     most = np.count_nonzero(counted) / FEWEST_PER_WEIGHT
     independent = max(fit.independent, determined.independent, _beyond_noise(recording, counted, fit.error))
-    trend = course(recording.time, recording.duration_s, determined.settling)
-    candidates, further = [], np.column_stack([levels, trend])
+    candidates, further = [], levels.append(determined.trend_column(recording))
     for own in rates:
         orders = [with_orders(fit.structure, n, m, own) for n, m in product(ns, ms)]
         orders = [s for s in orders if s.d < most] or orders[:1]
         union = union_of(orders)
-        gram = _gram(recording, counted, fit, union, further, qp_solver)
-        candidates += [_candidate(s, fit, union, *gram, determined, independent, qp_solver, span) for s in orders]
+        gram = _gram(recording, counted, fit, union, further.signals, qp_solver)
+        candidates += [
+            _candidate(s, fit, union, *gram, further, determined, independent, qp_solver, span) for s in orders
+        ]
     return Selection(tuple(sorted(candidates, key=lambda candidate: candidate.bic)))
 
 
@@ -221,6 +222,7 @@ def _candidate(
     union: ModelStructure,
     gram: Matrix,
     moved: Mask,
+    further: Columns,
     determined: CreepEvidence,
     independent: float,
     qp_solver: ProgramSolver,
@@ -229,25 +231,20 @@ def _candidate(
     """The fit of one structure, and of a trend if there is one, from the Gram matrix."""
     names = {name: i for i, name in enumerate(_labels(union))}
     of = np.array([names[label] for label in _labels(s)])
-    x, e, k, trend = 0, union.d + 1, len(gram) - union.d - 2, determined.trend
+    x, e, k = 0, union.d + 1, further.lb.size
     T = np.eye(s.d + k)
     T[: s.d, : s.d] = s.slope_map
     columns = np.append(1 + of, e + 1 + np.arange(k))
     P, q = T.T @ gram[np.ix_(columns, columns)] @ T, T.T @ (gram[columns, x] - gram[columns, e])
     c = gram[e, e] - 2.0 * gram[e, x] + gram[x, x]
-    lb, ub = np.full(s.d + k, -np.inf), np.full(s.d + k, np.inf)
-    lb[: s.d] = s.lower_bounds(MIN_SLOPE)
-    lb[-1], ub[-1] = (0.0, 0.0) if trend is None else trend.limits
-    if (limits := determined.creep_limits(s, fit)) is not None:
-        ub[s.slices[2]] = limits
+    box = bounds(s, further, determined.creep_limits(s, fit))
     reference = np.append(s.inverse_slope_map @ s.straight_line, np.zeros(k))
-    free = np.r_[moved[of], np.full(k - 1, True), trend is not None]
-    free &= np.diag(P) > 0.0
+    free = np.r_[moved[of], np.full(k, True)] & (np.diag(P) > 0.0)
     z = np.where(free, 0.0, reference)
     at = np.ix_(free, free)
-    z[free] = qp_solver.minimise(P[at], q[free] + (P @ z)[free], lb[free], ub[free], reference[free])
+    z[free] = qp_solver.minimise(P[at], q[free] + (P @ z)[free], box.lb[free], box.ub[free], reference[free])
     cost = max(float(z @ P @ z + 2.0 * q @ z + c), 0.0) + EXACT
-    unknowns = np.count_nonzero(Box(lb, ub).inactive(z)[: s.d])
+    unknowns = np.count_nonzero(box.inactive(z)[: s.d])
     bic = independent * math.log(cost) + unknowns * math.log(independent)
     states = [state_on(fit.structure, state, s) for state in fit.states]
     return Candidate(s, states, z[: s.d], percent_of(span, abs(s.y_scale) * math.sqrt(cost)), bic)

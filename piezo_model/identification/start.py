@@ -73,11 +73,6 @@ class InitialFit:
     """A key of CURVES, "searched" or "given" for each part."""
     fit: ForwardFit
 
-    @property
-    def searched(self) -> list[bool]:
-        """Whether the states of each part are unknowns of the fits."""
-        return [start == SEARCHED for start in self.starts]
-
 
 def prepare(
     recording: Recording,
