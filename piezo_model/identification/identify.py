@@ -239,26 +239,16 @@ class FinalFit:
 
 
 @dataclass(frozen=True)
-class Identification:
+class Identification(JointStart):
     """An identification after its start: the choice of the orders, the final fit, and its judgement."""
 
-    recording: Recording
-    view: StaticView
-    evidence: CreepEvidence
     options: Options
     qp_solver: ProgramSolver
-    joint: JointStart | None = None
-    """The start of several recordings; None for a single one."""
 
     @property
     def initial(self) -> InitialFit:
         """The first fit, of the static stage."""
         return self.view.initial
-
-    @property
-    def levels(self) -> Columns:
-        """Unknown levels of the outputs; none for a single recording."""
-        return Columns.none(self.recording.length) if self.joint is None else self.joint.levels
 
     @property
     def span(self) -> float:
@@ -272,7 +262,7 @@ class Identification:
         fit, s = initial.fit, initial.structure
         rates: Sequence[tuple[float, ...]] = [s.creep_rates]
         if options.chooses_creep and evidence.creep is not None:
-            rates = self.joint.rates if self.joint else [evidence.rates]
+            rates = self.rates
         if options.structure is not None or (rates == [s.creep_rates] and None not in (options.n, options.m)):
             return None, fit
         recording, orders = self.view.static, (HYSTERESIS_ORDERS, SUPERPOSITION_ORDERS)
@@ -326,7 +316,7 @@ class Identification:
     def judge(self, final: FinalFit) -> Judgement:
         """Judge the fit of every recording."""
         fit, s, ignored = final.fit, final.fit.structure, self.options.dynamics == "ignore"
-        skip, recording = self.initial.skip, self.joint.at_one_level(fit) if self.joint else self.recording
+        skip, recording = self.initial.skip, self.at_one_level(fit)
         modelled = s.y_centre + s.y_scale * fit.y_model
         steady = recording if final.trend is None else replace(recording, y=modelled + s.y_scale * fit.error)
         errors = fit_of(recording, s, recording.y - modelled, skip, self.span)
@@ -361,17 +351,21 @@ def _begin(
 
         return separate(recording, start, choice, lag, options.skip or 0, qp_solver)
 
+    def alone(recording: Recording, view: StaticView, evidence: CreepEvidence) -> Identification:
+        levels = Columns.none(recording.length)
+        return Identification(recording, view, evidence, [evidence.rates], levels, [], options, qp_solver)
+
     def fit_alone(recording: Recording, view: StaticView, evidence: CreepEvidence) -> ForwardFit:
-        identification = Identification(recording, view, evidence, options, qp_solver)
+        identification = alone(recording, view, evidence)
         return identification.fit(identification.choose_orders()[1]).fit
 
     if len(recordings) > 1:
         own_lag: LagChoice = "ignore" if options.lag == "ignore" else "remove"
         joint = joint_start(recordings, first, static_view, own_lag, fit_alone, qp_solver)
-        return Identification(joint.recording, joint.view, joint.evidence, options, qp_solver, joint)
+        return Identification(**vars(joint), options=options, qp_solver=qp_solver)
     recording, view = recordings[0], static_view(recordings[0], first)
     evidence = determine(view.static, counted_from(recording, view.initial.skip), view.initial.fit, qp_solver)
-    return Identification(recording, view, evidence, options, qp_solver)
+    return alone(recording, view, evidence)
 
 
 def _with_report(
@@ -379,7 +373,7 @@ def _with_report(
 ) -> HysteresisCreepModel:
     """The model of a final fit, with its report."""
     fit, problem, options, view = final.fit, final.problem, identification.options, identification.view
-    (verdict, errors, recording, members), joint = judgement, identification.joint
+    verdict, errors, recording, members = judgement
     s, initial, evidence, qp_solver = fit.structure, view.initial, identification.evidence, identification.qp_solver
     model = HysteresisCreepModel.from_weights(s, fit.weights)
     g, lag = fit.dynamics, view.lag
@@ -399,7 +393,7 @@ def _with_report(
         start=initial.starts[0],
         parts=[{"first_sample": first, "start": how, **state.to_dict(s)} for first, how, state in starts][1:],
         drive=identifiability_of(recording, initial.skip, evidence),
-        members=list(joint.members(members)) if joint else [],
+        members=list(identification.members(members)),
         evidence=evidence,
         creep_chosen=options.chooses_creep,
         trend=None

@@ -75,13 +75,19 @@ def concatenate(recordings: Sequence[Recording], weights: Sequence[float] | None
 
 
 @dataclass(frozen=True)
-class SingleFit:
-    """One of the recordings, and its fit alone."""
+class Start:
+    """A recording up to the choice of the orders."""
 
     recording: Recording
-    """With dynamics if it shows those of the model; otherwise without those that it has."""
     view: StaticView
     evidence: CreepEvidence
+
+
+@dataclass(frozen=True)
+class SingleFit(Start):
+    """One of the recordings, with dynamics if it shows those of the model and otherwise without those that it has, and
+    its fit alone."""
+
     fit: ForwardFit
 
     @property
@@ -92,17 +98,15 @@ class SingleFit:
 
 
 @dataclass(frozen=True)
-class JointStart:
-    """Several recordings as one, up to the choice of the orders."""
+class JointStart(Start):
+    """Several recordings as one, or a single one."""
 
-    recording: Recording
-    view: StaticView
-    evidence: CreepEvidence
     rates: Sequence[tuple[float, ...]]
     """Candidate sets of creep rates: those of the recording that determines creep, alone or with faster ones."""
     levels: Columns
     """Levels of all recordings but the first."""
     singles: Sequence[SingleFit]
+    """The recordings; none of a single one."""
 
     def at_one_level(self, fit: ForwardFit) -> Recording:
         """The recordings with all outputs at the level of the first one, by a joint fit."""
@@ -110,8 +114,8 @@ class JointStart:
         return replace(self.recording, y=self.recording.y - fit.structure.y_scale * levels)
 
     def members(self, shares: Sequence[tuple[Recording, ForwardFit, Fit]]) -> Iterator[dict[str, Any]]:
-        """The report of each recording, from its share of a joint fit and its errors."""
-        for single, (recording, share, errors) in zip(self.singles, shares, strict=True):
+        """The report of each of several recordings, from its share of a joint fit and its errors."""
+        for single, (recording, share, errors) in zip(self.singles, shares, strict=False):
             rms_percent, alone_percent = (percent_of(errors.span, fit.rms) for fit in (share, single.fit))
             yield {
                 "name": recording.name,
