@@ -36,8 +36,8 @@ from bench.report import recording_page
 from bench.report.console import console, print_result, progress_bar
 from bench.report.fit_review import review
 from piezo_model import Recording, checks, recordings
+from piezo_model.identification.dynamics import DynamicsChoice, LagChoice
 from piezo_model.identification.identify import Estimator
-from piezo_model.identification.lag import DynamicsChoice, LagChoice
 from piezo_model.model import ModelError
 from piezo_model.units import quantity
 

@@ -12,8 +12,8 @@ import numpy as np
 from bench.deploy.deployment import open_model
 from bench.messages.task import Progress, silent
 from piezo_model import Compensator, HysteresisCreepModel, Recording, checks, identify, recordings
+from piezo_model.identification.dynamics import DynamicsChoice, LagChoice
 from piezo_model.identification.identify import Estimator
-from piezo_model.identification.lag import DynamicsChoice, LagChoice
 from piezo_model.identification.validation import Validation
 from piezo_model.model import ModelError, StartChoice
 

@@ -109,7 +109,7 @@ class Recorded(ProblemSet):
         noise, wanted = sensor_noise(self._whole.counted_y), {name.rpartition("-")[0] for name in self.selected}
         for n, m in (order for order in orders if "n{}-m{}".format(*order) in wanted):
             prepared = preprocessed(recording, n, m, rates)
-            s = prepared.structure
+            s = prepared.fit.structure
             for window, share in WINDOWS.items():
                 name, start = f"n{n}-m{m}-{window}", max(prepared.skip, round((1.0 - share) * fitted))
                 if fitted - start <= s.d:

@@ -10,7 +10,6 @@ The amplifier delays a ramp by 1 / (exp(T/T_a) − 1) samples, which, unlike T_a
 
 import math
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 
@@ -35,11 +34,6 @@ class Parameters:
     free: bool = False
     residual: bool = False
     with_lag: bool = False
-
-    @classmethod
-    def known(cls, dynamics: Dynamics | None, sample_time: float) -> Self | None:
-        """Dynamics without unknowns; None without dynamics."""
-        return None if dynamics is None else cls(dynamics, sample_time)
 
     @property
     def vector(self) -> Vector:

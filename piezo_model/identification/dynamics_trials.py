@@ -78,7 +78,7 @@ class DynamicsTrials:
         of these may be longer than the recording."""
         # the first outputs may follow an earlier drive
         counted = counted_from(recording, initial.skip + min(int(LONGEST), (recording.length - initial.skip) // 10))
-        own = initial.structure
+        own = initial.fit.structure
         rates = own.creep_rates or candidate_rates(recording.sample_time, recording.duration_s)
         # few levels determine no hysteresis
         s = own if 0 < level_count(recording.x) <= TOO_FEW else union_of([own, with_orders(own, *orders, rates)])

@@ -24,7 +24,7 @@ from piezo_model.figures import figures_of
 from piezo_model.identification.adequacy import Adequacy, Fit, check_adequacy, fit_of
 from piezo_model.identification.creep import CreepEvidence, Estimate, determine
 from piezo_model.identification.drive import identifiability_of, orders_within
-from piezo_model.identification.dynamics import StaticView, separate
+from piezo_model.identification.dynamics import DynamicsChoice, LagChoice, StaticView, separate
 from piezo_model.identification.dynamics_parameters import Parameters
 from piezo_model.identification.error_model import (
     IdentificationError,
@@ -38,7 +38,6 @@ from piezo_model.identification.error_model import (
 from piezo_model.identification.forward import Columns, ForwardFit, fit_forward
 from piezo_model.identification.gram_matrix import SAME_PERIOD
 from piezo_model.identification.intervals import intervals
-from piezo_model.identification.lag import DynamicsChoice, LagChoice
 from piezo_model.identification.report import FitReport
 from piezo_model.identification.selection import (
     HYSTERESIS_ORDERS,
@@ -259,7 +258,7 @@ class Identification(JointStart):
     def choose_orders(self) -> tuple[Selection | None, InitialGuess]:
         """The choice of the orders, and the starting point of the final fit."""
         initial, options, evidence = self.initial, self.options, self.evidence
-        fit, s = initial.fit, initial.structure
+        fit, s = initial.fit, initial.fit.structure
         rates: Sequence[tuple[float, ...]] = [s.creep_rates]
         if options.chooses_creep and evidence.creep is not None:
             rates = self.rates
@@ -279,7 +278,7 @@ class Identification(JointStart):
         """Solve (6) and minimise the output error, with a trend if the gain is significant."""
         recording, s = self.recording, guess.structure
         counted, qp_solver = counted_from(recording, self.initial.skip), self.qp_solver
-        parameters = Parameters.known(self.view.dynamics, s.sample_time)
+        parameters = None if self.view.dynamics is None else Parameters(self.view.dynamics, s.sample_time)
         problem = accumulate(self.view.static, counted, s, guess.states, qp_solver)
         optimal = qp_solver.optimum(problem)
         if self.options.estimator == "error-model":

@@ -11,9 +11,9 @@ from typing import Any
 from piezo_model.identification.adequacy import Adequacy, Fit, applicable
 from piezo_model.identification.creep import CreepEvidence
 from piezo_model.identification.drive import Identifiability
+from piezo_model.identification.dynamics import Lag
 from piezo_model.identification.dynamics_finding import DynamicsFinding
 from piezo_model.identification.error_model import Certificate, ProgramSolver
-from piezo_model.identification.lag import Lag
 from piezo_model.identification.selection import Selection
 from piezo_model.identification_problem import ExcitationReport
 from piezo_model.structure import ModelStructure

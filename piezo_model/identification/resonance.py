@@ -47,8 +47,6 @@ explain twelve samples of noise, and the best of a scan three times as many; bou
 APART, LIGHTLY_DAMPED = 0.1, 0.25
 """Smallest difference of the logarithms of two frequencies; largest damping ratio of a further mode, and of one above
 all frequencies at which the output follows the drive, since residual hysteresis looks like a mode with more."""
-Mode = tuple[float, float]
-"""Frequency in Hz and damping ratio."""
 
 
 @dataclass(frozen=True)
@@ -112,8 +110,8 @@ class Spectra:
         blocks = sums[..., m - 1 + np.arange(n) - np.arange(m)[:, None], :, :]
         return blocks.swapaxes(-3, -2).reshape(*h.shape[:-1], m * p, n * p)
 
-    def peak(self, known: Sequence[Mode] = ()) -> Peak:
-        """The mode that explains the most in addition to the known ones."""
+    def peak(self, known: Sequence[tuple[float, float]] = ()) -> Peak:
+        """The mode that explains the most in addition to the known ones, each a frequency in Hz and a damping ratio."""
         residual_compliance, ends = Equations(self).with_response(np.ones(self.f.size), TAPS), self.ends
         others = reduce(Equations.with_mode, known, residual_compliance)
         tried = np.array(

@@ -21,7 +21,7 @@ import numpy as np
 from piezo_model.identification.adequacy import Fit, fit_of
 from piezo_model.identification.creep import CreepEvidence, Estimate, candidate_rates, determine
 from piezo_model.identification.drive import identifiability_of
-from piezo_model.identification.dynamics import StaticView
+from piezo_model.identification.dynamics import LagChoice, StaticView
 from piezo_model.identification.error_model import (
     IdentificationError,
     ProgramSolver,
@@ -31,15 +31,10 @@ from piezo_model.identification.error_model import (
 )
 from piezo_model.identification.forward import EXACT, Columns, ForwardFit, fit_forward
 from piezo_model.identification.gram_matrix import at_period
-from piezo_model.identification.lag import LagChoice
 from piezo_model.identification.start import SEARCHED, InitialFit
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
 from piezo_model.units import percent
-
-StaticViewOf = Callable[..., StaticView]
-"""The static view of a recording, for a structure with its sampling period and, if they differ from the options, for
-other choices of dynamics and lag."""
 
 
 def concatenate(recordings: Sequence[Recording], weights: Sequence[float] | None = None) -> Recording:
@@ -146,13 +141,14 @@ def align(recordings: Sequence[Recording]) -> list[Recording]:
 def joint_start(
     recordings: Sequence[Recording],
     first: ModelStructure,
-    static_view: StaticViewOf,
+    static_view: Callable[..., StaticView],
     own_lag: LagChoice,
     fit_alone: Callable[[Recording, StaticView, CreepEvidence], ForwardFit],
     qp_solver: ProgramSolver,
 ) -> JointStart:
-    """Start the identification of aligned recordings from the structure of the first fit; ``own_lag`` is the option for
-    the lag of recordings that do not show the dynamics.
+    """Start the identification of aligned recordings from the structure of the first fit. ``static_view`` is that of a
+    recording, for a structure with its sampling period and, if they differ from the options, for other choices of
+    dynamics and lag; ``own_lag`` is the option for the lag of recordings that do not show the dynamics.
 
     IdentificationError if the output rises with the input in one recording and falls in another.
     """
@@ -173,7 +169,7 @@ def joint_start(
         return SingleFit(member, view, evidence, fit_alone(member, view, evidence))
 
     singles = [fit_single(recording) for recording in recordings]
-    structures = [single.view.initial.structure for single in singles]
+    structures = [single.view.initial.fit.structure for single in singles]
     signs = {s.negative_gain: recording.name for recording, s in zip(recordings, structures, strict=True)}
     if len(signs) > 1:
         raise IdentificationError(f"the output rises with the input in {signs[False]}, and falls in {signs[True]}")
@@ -187,7 +183,7 @@ def joint_start(
     states, s = [state for single in singles for state in single.view.initial.fit.states], _over_all(structures)
     v = s.inverse_slope_map @ qp_solver.optimum(accumulate(static, ~static.uncounted, s, states, qp_solver))
     fit = fit_forward(static, ~static.uncounted, s, states, v, qp_solver, searched=[True] * len(states), further=levels)
-    initial = InitialFit(s, 0, [SEARCHED] * len(states), fit)
+    initial = InitialFit(0, [SEARCHED] * len(states), fit)
     evidence, rates = _creep(singles, whole, s)
     return JointStart(whole, replace(source, static=static, initial=initial), evidence, rates, levels, singles)
 
@@ -210,7 +206,7 @@ def _creep(
     """The evidence of the longest recording that distinguishes creep from hysteresis, with the largest upper limit of
     all recordings, and the candidate rates."""
     decisive = max(singles, key=lambda single: (single.evidence.is_clear, single.recording.duration_s))
-    evidence, scale = decisive.evidence, decisive.view.initial.structure.y_scale / s.y_scale
+    evidence, scale = decisive.evidence, decisive.view.initial.fit.structure.y_scale / s.y_scale
     estimates = [single.evidence.creep for single in singles if single.evidence.creep is not None]
     trend = evidence.trend
     if trend is not None:  # over half of the longest recording

@@ -66,12 +66,11 @@ def structure_of(recording: Recording, n: int, m: int, creep_rates: Sequence[flo
 class InitialFit:
     """The first fit, from which the orders are chosen."""
 
-    structure: ModelStructure
-    """With the sign of the output, and the range of the modelled output."""
     skip: int
     starts: Sequence[str]
     """A key of CURVES, "searched" or "given" for each part."""
     fit: ForwardFit
+    """Its structure has the sign of the output, and the range of the modelled output."""
 
 
 def prepare(
@@ -104,7 +103,7 @@ def prepare(
     if head.length < recording.length:
         counted = counted_from(recording, initial.skip)
         initial = replace(
-            initial, fit=_fit_from_program(recording, counted, initial.structure, initial.fit.states, qp_solver)
+            initial, fit=_fit_from_program(recording, counted, initial.fit.structure, initial.fit.states, qp_solver)
         )
     return _with_modelled_range(recording, initial, qp_solver) if fit_range else initial
 
@@ -140,14 +139,14 @@ def _with_output_range(recording: Recording, s: ModelStructure, skip: int, fit_r
 def _with_modelled_range(recording: Recording, initial: InitialFit, qp_solver: ProgramSolver) -> InitialFit:
     """The fit with the range of the modelled output. Noise and ringing widen the range of the measured output, so that
     the outermost pieces of S⁻¹ would hardly be visited."""
-    fit, s, counted = initial.fit, initial.structure, counted_from(recording, initial.skip)
+    fit, s, counted = initial.fit, initial.fit.structure, counted_from(recording, initial.skip)
     low, high = float(fit.y_model[counted].min()), float(fit.y_model[counted].max())
     if high - low < 2.0 * FLAT or max(1.0 - high, low + 1.0) < NARROWER:
         return initial
     s = replace(s, y_centre=s.y_centre + 0.5 * (low + high) * s.y_scale, y_scale=0.5 * (high - low) * s.y_scale)
-    modelled = replace(recording, y=initial.structure.y_centre + initial.structure.y_scale * fit.y_model)
+    modelled = replace(recording, y=fit.structure.y_centre + fit.structure.y_scale * fit.y_model)
     v = s.inverse_slope_map @ qp_solver.optimum(accumulate(modelled, counted, s, fit.states, qp_solver))
-    return replace(initial, structure=s, fit=fit_forward(recording, counted, s, fit.states, v, qp_solver))
+    return replace(initial, fit=fit_forward(recording, counted, s, fit.states, v, qp_solver))
 
 
 def _fit_from_best_starts(
@@ -165,7 +164,7 @@ def _fit_from_best_starts(
 
     if len(parts) == 1:
         start, best = ("given", fit(0.0)) if state is not None else best_start(s.n, fit, search)
-        return InitialFit(s, skip, [start], best)
+        return InitialFit(skip, [start], best)
     start, best = best_start(s.n, fit)
     starts, states = [start] * len(parts), list(best.states)
     for i, part in enumerate(parts):
@@ -177,7 +176,7 @@ def _fit_from_best_starts(
     best = fit_forward(
         recording, counted, s, states, best.v, qp_solver, searched=[start == SEARCHED for start in starts]
     )
-    return InitialFit(s, skip, starts, best)
+    return InitialFit(skip, starts, best)
 
 
 def start_of(

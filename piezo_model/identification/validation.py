@@ -140,7 +140,7 @@ def _start_and_transient(
 ) -> tuple[OperatorState, int]:
     """The states before one part, and the number of samples in a transient."""
     s, head = model.structure, initial_segment(part, model.structure)
-    parameters = Parameters.known(model.dynamics, s.sample_time)
+    parameters = None if model.dynamics is None else Parameters(model.dynamics, s.sample_time)
     shift, longest = Columns.of(np.ones(head.length)), longest_transient(head)
 
     def fit_after(skip: int) -> tuple[ForwardFit, Vector]:
