@@ -240,9 +240,8 @@ def _judge(
 
     drifting = [(trends[:, 0], math.inf)] if known[0] >= INFORMATION else []
     share, chi_square = _gain(error, drifting, creeping, independent)
-    unlimited = [(column, math.inf) for column, _ in creeping]
-    absent = driven and bool(creeping)
-    absent = absent and 0.0 <= _fit(error, unlimited + drifting, independent)[0][0].limits[1] < NEGLIGIBLE
+    unlimited = [(column, math.inf) for column, _ in creeping] * driven
+    absent = bool(unlimited) and 0.0 <= _fit(error, unlimited + drifting, independent)[0][0].limits[1] < NEGLIGIBLE
     if not (creeping and share >= SHARE and chi_square >= CHI_SQUARE):
         creeping = []
     left = [_fit(error, [*creeping, (trend, math.inf)], independent)[1] for trend in trends.T]

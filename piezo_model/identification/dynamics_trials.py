@@ -191,7 +191,7 @@ class DynamicsTrials:
             # residual hysteresis looks like such a mode
             reason, moves_Hz = "it moves with the amplitude or the position", still
         change = 0.0 if reason else parameters_of(coarse(parameters)).vector - parameters.vector
-        covariance = best.covariance[d:, d:] + np.outer(change, change)
+        covariance = best.covariance_over(best.free)[d:, d:] + np.outer(change, change)
         of_delay = 3 * modes if parameters.residual else 2 * modes
         approximate = *spread, *[APPROXIMATE[0]] * modes, APPROXIMATE[1]
         deviations = np.hypot(parameters.deviations(covariance)[[*range(2 * modes), of_delay]], approximate)

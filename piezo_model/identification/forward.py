@@ -189,13 +189,9 @@ class ForwardFit(Trial):
         """Number of independent samples in the error."""
         return independent_samples(self.errors)
 
-    @cached_property
-    def covariance(self) -> Matrix:
-        """Covariance of (v, further, θ); 0 for unknowns that are not free."""
-        return self.covariance_over(self.free)
-
     def covariance_over(self, free: Mask) -> Matrix:
-        """The covariance that these unknowns would have if they were the free ones."""
+        """Covariance of (v, further, θ), or the one that they would have with other free unknowns; 0 for those that are
+        not free."""
         return self.cost * self.autocorrelation_time / np.count_nonzero(self.counted) * inverse_over(self.P, free)
 
     def improved_by(self, other: ForwardFit, unknowns: int) -> bool:

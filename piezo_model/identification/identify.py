@@ -281,10 +281,11 @@ class Identification(JointStart):
         parameters = None if self.view.dynamics is None else Parameters(self.view.dynamics, s.sample_time)
         problem = accumulate(self.view.static, counted, s, guess.states, qp_solver)
         optimal = qp_solver.optimum(problem)
+        v = s.inverse_slope_map @ optimal
         if self.options.estimator == "error-model":
-            v = s.inverse_slope_map @ optimal
-            start = guess.states, v, qp_solver
-            fit = fit_forward(recording, counted, s, *start, steps=0, further=self.levels, parameters=parameters)
+            fit = fit_forward(
+                recording, counted, s, guess.states, v, qp_solver, steps=0, further=self.levels, parameters=parameters
+            )
             return FinalFit(problem, optimal, fit, None)
         limits = self.evidence.creep_limits(s, self.initial.fit) if self.options.chooses_creep else None
 
@@ -304,7 +305,7 @@ class Identification(JointStart):
 
         fit = fit_from(guess.states, guess.v, self.levels)
         if fit.cost > self.initial.fit.cost:  # outside the model class the predicted weights are far off
-            other = fit_from(guess.states, s.inverse_slope_map @ optimal, self.levels)
+            other = fit_from(guess.states, v, self.levels)
             fit = min(fit, other, key=lambda fit: fit.cost)
         if (trend := self.evidence.trend) is not None:
             other = fit_from(fit.states, fit.v, self.levels.append(self.evidence.trend_column(recording)))
@@ -374,11 +375,10 @@ def _with_report(
     fit, problem, options, view = final.fit, final.problem, identification.options, identification.view
     verdict, errors, recording, members = judgement
     s, initial, evidence, qp_solver = fit.structure, view.initial, identification.evidence, identification.qp_solver
-    model = HysteresisCreepModel.from_weights(s, fit.weights)
     g, lag = fit.dynamics, view.lag
     removed = lag is not None and lag.removed
-    excluded = {"sensor_delay_s": g.delay_s} if removed and g else {"left_out": g or view.left_out}
-    model = replace(model, **({"dynamics": g} if g and not removed else excluded))
+    known = {"sensor_delay_s": g.delay_s} if removed and g else {"dynamics": g, "left_out": view.left_out}
+    model = replace(HysteresisCreepModel.from_weights(s, fit.weights), **known)
     starts = zip(recording.starts, initial.starts, fit.states, strict=True)
     report = FitReport(
         estimator=options.estimator,

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from piezo_model.figures import figures_of
-from piezo_model.identification.autocorrelation import DEVIATIONS, inverse_over
+from piezo_model.identification.autocorrelation import DEVIATIONS
 from piezo_model.identification.forward import ForwardFit
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.units import SMALLEST_PERCENT
@@ -32,12 +32,12 @@ def intervals(fit: ForwardFit) -> dict[str, Any] | None:
     time, samples = fit.autocorrelation_time, np.count_nonzero(fit.counted)
     if (beyond := samples - np.count_nonzero(fit.free) * time) <= 0.0:
         return None
-    variance, index = fit.cost * time / beyond, np.arange(fit.free.size)
-    C = variance * inverse_over(fit.P, fit.free)[: s.d, : s.d]
+    share, index = samples / beyond, np.arange(fit.free.size)
+    C = share * fit.covariance_over(fit.free)[: s.d, : s.d]
     at_bound = ~fit.free[: s.d] & (np.diag(fit.P)[: s.d] > 0.0)
-    released = np.zeros(s.d)
-    for i in np.flatnonzero(at_bound).tolist():
-        released[i] = variance * inverse_over(fit.P, fit.free | (index == i))[i, i]
+    released = np.array(
+        [share * fit.covariance_over(fit.free | (index == i))[i, i] if at_bound[i] else 0.0 for i in range(s.d)]
+    )
     down, up = np.sqrt(np.maximum(np.diag(T @ C @ T.T), 0.0)), np.sqrt(released)
     ends = np.column_stack([fit.weights - DEVIATIONS * down, fit.weights + DEVIATIONS * np.where(down, down, up)])
     at = figures_of(HysteresisCreepModel.from_weights(s, fit.weights))

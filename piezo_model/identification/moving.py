@@ -70,7 +70,7 @@ def _p_value(fit: ForwardFit) -> float:
         [np.fft.rfft(own, axis=0) * np.abs(np.fft.rfft(e))[:, None] / e.size for own, e in pairs if e.size]
     )
     at = np.ix_(fit.structure.d + free, fit.structure.d + free)
-    inverse = np.linalg.pinv(2.0 * (lines.conj().T @ lines).real + fit.covariance[at], hermitian=True)
+    inverse = np.linalg.pinv(2.0 * (lines.conj().T @ lines).real + fit.covariance_over(fit.free)[at], hermitian=True)
     share = np.einsum("fi,ij,fj->f", lines.conj(), inverse, lines).real
     independent = 2.0 * share.sum() ** 2 / max(float(np.sum(share**2)), 1e-300)
     return float(f_distribution.sf(beta @ inverse @ beta / free.size, free.size, independent))

@@ -109,8 +109,12 @@ class Selection:
 def with_orders(s: ModelStructure, n: int, m: int, rates: Sequence[float]) -> ModelStructure:
     """The structure with other orders and creep rates, and equidistant thresholds."""
     other = ModelStructure.equidistant(n, m, (-1.0, 1.0), (-1.0, 1.0), (), s.sample_time)
-    thresholds = other.play_thresholds, other.dead_zone_thresholds
-    return replace(s, play_thresholds=thresholds[0], dead_zone_thresholds=thresholds[1], creep_rates=tuple(rates))
+    return replace(
+        s,
+        play_thresholds=other.play_thresholds,
+        dead_zone_thresholds=other.dead_zone_thresholds,
+        creep_rates=tuple(rates),
+    )
 
 
 def union_of(structures: Sequence[ModelStructure]) -> ModelStructure:
@@ -174,12 +178,10 @@ def _gram(
     chosen[np.flatnonzero(counted)[:: math.ceil(np.count_nonzero(counted) / SAMPLES)]] = True
     slopes, states = piece_slopes(s, fit.v, fit.static), [state_on(s, state, union) for state in fit.states]
     qp_solver.passes += 1
-
-    def columns(_: int, samples: slice, rows: Matrix) -> Matrix:
-        return rows / slopes[samples, None]
-
     unfiltered = np.column_stack([fit.error, further])
-    return gram_of(recording, chosen, union, [states], fit.y_model, columns, unfiltered)
+    return gram_of(
+        recording, chosen, union, [states], fit.y_model, lambda _, at, rows: rows / slopes[at, None], unfiltered
+    )
 
 
 def _beyond_noise(recording: Recording, counted: Mask, error: Vector) -> float:

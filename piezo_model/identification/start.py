@@ -159,11 +159,12 @@ def _fit_from_best_starts(
         first, *later = (state_with_slopes(recording.x[part], s, slope) for part in parts)
         return _fit_from_program(recording, counted, s, [state or first, *later], qp_solver)
 
-    def search(best: ForwardFit) -> ForwardFit:
-        return fit_forward(recording, counted, s, best.states, best.v, qp_solver, searched=[True])
-
+    if len(parts) == 1 and state is not None:
+        return InitialFit(skip, ["given"], fit(0.0))
     if len(parts) == 1:
-        start, best = ("given", fit(0.0)) if state is not None else best_start(s.n, fit, search)
+        start, best = best_start(
+            s.n, fit, lambda best: fit_forward(recording, counted, s, best.states, best.v, qp_solver, searched=[True])
+        )
         return InitialFit(skip, [start], best)
     start, best = best_start(s.n, fit)
     starts, states = [start] * len(parts), list(best.states)
@@ -236,11 +237,10 @@ def refuse_too_little_data(recording: Recording, counted: Mask, s: ModelStructur
             f"{s.d} weights"
         )
     low, high = y_range(recording, skip)
-    still = {"drive": skip and first_motion(recording, skip) == recording.length, "output": low == high}
-    for signal, rests in still.items():
-        if rests:
-            after = f" after the first {skip} samples, which are skipped" if skip else ""
-            raise IdentificationError(f"{recording.name}: the {signal} does not move{after}")
+    drive_rests = skip and first_motion(recording, skip) == recording.length
+    if drive_rests or low == high:
+        after = f" after the first {skip} samples, which are skipped" if skip else ""
+        raise IdentificationError(f"{recording.name}: the {'drive' if drive_rests else 'output'} does not move{after}")
 
 
 def initial_segment(recording: Recording, s: ModelStructure, size: int = HEAD) -> Recording:
