@@ -52,14 +52,13 @@ class Identifiability:
         of its own (`creep`), as have the dynamics of a model."""
         drift = "a drift of the sensor" if creep else "a drift"  # which may be creep
         effects = {"hysteresis": self.hysteresis, "creep": creep, drift: self.drift}
-        can, cannot = ([name for name, shown in effects.items() if shown is which] for which in (True, False))
-        determined = f"This drive determines {_listed(can, 'and') or 'none of hysteresis, creep and drift'}"
-        cannot = [name for name in cannot if name != "creep"]
-        but = f", but not {_listed(cannot, 'or')}" if can and cannot else ""
+        can = _listed([name for name, shown in effects.items() if shown], "and")
+        cannot = _listed([name for name, shown in effects.items() if not shown and name != "creep"], "or")
+        but = f", but not {cannot}" if can and cannot else ""
         shows = f"dynamics up to {quantity(self.highest_Hz, 'Hz', 2)}" if self.highest_Hz else "no dynamics"
         known = f"; it shows {shows}" * bool(self.highest_Hz or not dynamics)
         alone = " It reverses only at the ends of its range, and says little about inner loops." * self.one_loop
-        return f"{determined}{but}{known}.{alone}"
+        return f"This drive determines {can or 'none of hysteresis, creep and drift'}{but}{known}.{alone}"
 
 
 def _listed(names: Sequence[str], last: str) -> str:

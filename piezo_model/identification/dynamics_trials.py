@@ -245,4 +245,4 @@ def _ringing(fit: ForwardFit, peak: Peak, T: float) -> Columns:
     late = [Dynamics((peak.frequency_Hz,), (peak.damping,), (1.0,), delay) for delay in (0.0, T)]
     static = (fit.static[part] for part in fit.recording.parts)
     signals = [np.column_stack([g.filter(v, T) - v for g in late]) for v in static]
-    return Columns(np.concatenate(signals), np.full(2, -np.inf), np.full(2, np.inf))
+    return Columns.of(np.concatenate(signals))

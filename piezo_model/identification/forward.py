@@ -65,33 +65,8 @@ costs depends on rounding; largest distance of an unknown from a bound at which 
 
 
 @dataclass(frozen=True)
-class Columns:
-    """Further unknowns: signals (N, k) that are added to the output in normalised units, and bounds (k,) of their
-    weights."""
-
-    signals: Matrix
-    lb: Vector
-    ub: Vector
-
-    @classmethod
-    def of(cls, signal: Vector, lb: float = -np.inf, ub: float = np.inf) -> Columns:
-        """One column."""
-        return cls(signal[:, None], np.array([lb]), np.array([ub]))
-
-    @classmethod
-    def none(cls, samples: int) -> Columns:
-        """No columns, for a number of samples."""
-        return cls(np.zeros((samples, 0)), np.zeros(0), np.zeros(0))
-
-    def append(self, others: Columns) -> Columns:
-        """These columns, followed by others."""
-        pairs = ((self.signals, others.signals), (self.lb, others.lb), (self.ub, others.ub))
-        return Columns(*(np.concatenate(pair, axis=-1) for pair in pairs))
-
-
-@dataclass(frozen=True)
 class Box:
-    """Bounds (k,) of all unknowns; every trial point is projected here."""
+    """Bounds (k,) of unknowns; every trial point is projected into those of all."""
 
     lb: Vector
     ub: Vector
@@ -112,6 +87,29 @@ class Box:
     def inactive(self, z: Vector) -> Mask:
         """Which unknowns of z (k,) are at no bound."""
         return np.asarray((z > self.lb + AT_BOUND) & (z < self.ub - AT_BOUND))
+
+
+@dataclass(frozen=True)
+class Columns(Box):
+    """Further unknowns, the weights of signals (N, k) that are added to the output in normalised units."""
+
+    signals: Matrix
+
+    @classmethod
+    def of(cls, signals: Vector | Matrix, lb: float = -np.inf, ub: float = np.inf) -> Columns:
+        """Columns of signals (N,) or (N, k) whose weights have the same bounds."""
+        columns = np.column_stack([signals])
+        return cls(np.full(columns.shape[1], lb), np.full(columns.shape[1], ub), columns)
+
+    @classmethod
+    def none(cls, samples: int) -> Columns:
+        """No columns, for a number of samples."""
+        return cls.of(np.zeros((samples, 0)))
+
+    def append(self, others: Columns) -> Columns:
+        """These columns, followed by others."""
+        pairs = zip(vars(self).values(), vars(others).values(), strict=True)
+        return Columns(*(np.concatenate(pair, axis=-1) for pair in pairs))
 
 
 @dataclass(frozen=True)

@@ -245,19 +245,14 @@ class Identification(JointStart):
     qp_solver: ProgramSolver
 
     @property
-    def initial(self) -> InitialFit:
-        """The first fit, of the static stage."""
-        return self.view.initial
-
-    @property
     def span(self) -> float:
         """The output's full range."""
-        low, high = y_range(self.recording, self.initial.skip)
+        low, high = y_range(self.recording, self.view.initial.skip)
         return high - low
 
     def choose_orders(self) -> tuple[Selection | None, InitialGuess]:
         """The choice of the orders, and the starting point of the final fit."""
-        initial, options, evidence = self.initial, self.options, self.evidence
+        initial, options, evidence = self.view.initial, self.options, self.evidence
         fit, s = initial.fit, initial.fit.structure
         rates: Sequence[tuple[float, ...]] = [s.creep_rates]
         if options.chooses_creep and evidence.creep is not None:
@@ -277,7 +272,7 @@ class Identification(JointStart):
     def fit(self, guess: InitialGuess) -> FinalFit:
         """Solve (6) and minimise the output error, with a trend if the gain is significant."""
         recording, s = self.recording, guess.structure
-        counted, qp_solver = counted_from(recording, self.initial.skip), self.qp_solver
+        counted, qp_solver = counted_from(recording, self.view.initial.skip), self.qp_solver
         parameters = None if self.view.dynamics is None else Parameters(self.view.dynamics, s.sample_time)
         problem = accumulate(self.view.static, counted, s, guess.states, qp_solver)
         optimal = qp_solver.optimum(problem)
@@ -287,7 +282,7 @@ class Identification(JointStart):
                 recording, counted, s, guess.states, v, qp_solver, steps=0, further=self.levels, parameters=parameters
             )
             return FinalFit(problem, optimal, fit, None)
-        limits = self.evidence.creep_limits(s, self.initial.fit) if self.options.chooses_creep else None
+        limits = self.evidence.creep_limits(s, self.view.initial.fit) if self.options.chooses_creep else None
 
         def fit_from(states: Sequence[OperatorState], v: Vector, further: Columns) -> ForwardFit:
             return fit_forward(
@@ -297,14 +292,14 @@ class Identification(JointStart):
                 states,
                 v,
                 qp_solver,
-                searched=[start == SEARCHED for start in self.initial.starts],
+                searched=[start == SEARCHED for start in self.view.initial.starts],
                 further=further,
                 creep_limits=limits,
                 parameters=parameters,
             )
 
         fit = fit_from(guess.states, guess.v, self.levels)
-        if fit.cost > self.initial.fit.cost:  # outside the model class the predicted weights are far off
+        if fit.cost > self.view.initial.fit.cost:  # outside the model class the predicted weights are far off
             other = fit_from(guess.states, v, self.levels)
             fit = min(fit, other, key=lambda fit: fit.cost)
         if (trend := self.evidence.trend) is not None:
@@ -316,7 +311,7 @@ class Identification(JointStart):
     def judge(self, final: FinalFit) -> Judgement:
         """Judge the fit of every recording."""
         fit, s, ignored = final.fit, final.fit.structure, self.options.dynamics == "ignore"
-        skip, recording = self.initial.skip, self.at_one_level(fit)
+        skip, recording = self.view.initial.skip, self.at_one_level(fit)
         modelled = s.y_centre + s.y_scale * fit.y_model
         steady = recording if final.trend is None else replace(recording, y=modelled + s.y_scale * fit.error)
         errors = fit_of(recording, s, recording.y - modelled, skip, self.span)

@@ -49,8 +49,7 @@ def movement(
     assert fit.dynamics is not None
     parts = [_columns(fit.dynamics, mode, T, fit.static[part], fit.y_model[part]) for part in fit.recording.parts]
     signals, shapes, source = (np.concatenate(columns) for columns in zip(*parts, strict=True))
-    free, weights = np.full(signals.shape[1], np.inf), source**2
-    other, f = refit(Columns(signals, -free, free)), fit.dynamics.frequencies_Hz[mode]
+    other, f, weights = refit(Columns.of(signals)), fit.dynamics.frequencies_Hz[mode], source**2
     change = shapes @ other.further
     change -= np.average(change, weights=weights)
     ends = np.quantile(change, USUAL, weights=weights, method="inverted_cdf")

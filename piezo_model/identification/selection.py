@@ -231,8 +231,13 @@ def _candidate(
     span: float,
 ) -> Candidate:
     """The fit of one structure, and of a trend if there is one, from the Gram matrix."""
-    names = {name: i for i, name in enumerate(_labels(union))}
-    of = np.array([names[label] for label in _labels(s)])
+    find, (_, zones, creeps) = np.searchsorted, union.slices
+    of = np.r_[  # its unknowns among those of the union
+        find(union.play_thresholds, s.play_thresholds),
+        zones.start + find(union.dead_zone_thresholds, s.dead_zone_thresholds),
+        creeps.start + find(union.thresholds, s.thresholds)[: s.creep_weights],
+        np.full(int(s.offset), union.d - 1),
+    ]
     x, e, k = 0, union.d + 1, further.lb.size
     T = np.eye(s.d + k)
     T[: s.d, : s.d] = s.slope_map
@@ -250,10 +255,3 @@ def _candidate(
     bic = independent * math.log(cost) + unknowns * math.log(independent)
     states = [state_on(fit.structure, state, s) for state in fit.states]
     return Candidate(s, states, z[: s.d], percent_of(span, abs(s.y_scale) * math.sqrt(cost)), bic)
-
-
-def _labels(s: ModelStructure) -> list[tuple[str, float]]:
-    """Labels of the unknowns, to find them among those of another structure."""
-    creeps = [("w_K", r) for r in s.thresholds.tolist()] if s.creep_rates else []
-    zones = [("w'_S", r) for r in s.dead_zone_thresholds]
-    return [*(("w_H", r) for r in s.play_thresholds), *zones, *creeps, *[("offset", 0.0)] * s.offset]

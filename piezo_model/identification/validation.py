@@ -21,7 +21,7 @@ from piezo_model.identification.dynamics_parameters import Parameters
 from piezo_model.identification.error_model import ProgramSolver, States, counted_from, one_thread, percent_of
 from piezo_model.identification.forward import NUDGE, Columns, ForwardFit, fit_forward, simulate
 from piezo_model.identification.gram_matrix import initial_ringing
-from piezo_model.identification.start import initial_segment, longest_transient, start_of, transient, y_range
+from piezo_model.identification.start import initial_segment, longest_transient, start_of, transient
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
 from piezo_model.simulation import Arrays
@@ -100,14 +100,13 @@ def validate(model: piezo_model.HysteresisCreepModel, recording: Recording) -> V
     s, own, with_sensor = model.structure, was_fitted_to(model, recording), model.with_sensor
     states, skip = start_and_transient(with_sensor, recording)
     recording = recording.in_units(s.input_unit, s.output_unit)
-    low, high = y_range(recording, skip)
     errors, counted = recording.y - model_output(with_sensor, recording, states, skip), counted_from(recording, skip)
     inside = errors[counted & (np.abs(s.unit_input(recording.x)) <= WITHIN)]
     shift = float(inside.mean()) if inside.size > FEWEST_INSIDE * np.count_nonzero(counted) else 0.0
     farthest = float(np.max(np.abs(s.unit_input(np.array(recording.x_range)))))
     return Validation(
         model,
-        fit_of(recording, s, errors - shift, skip, high - low),
+        fit_of(recording, s, errors - shift, skip, float(np.ptp(recording.y[skip:]))),
         shift,
         states,
         max(0.0, 50.0 * (farthest - 1.0)),
@@ -184,8 +183,7 @@ def _with_creep_levels(
             part, counted, s, [state], start.v, qp_solver, weights_known=True, further=further, parameters=parameters
         )
 
-    farthest = np.array([math.inf, *[FARTHEST] * len(effects)])
-    levels = fit(Columns(np.column_stack([shift.signals, *effects]), -farthest, farthest)).further[1:]
+    levels = fit(shift.append(Columns.of(np.column_stack(effects), -FARTHEST, FARTHEST))).further[1:]
     state.creep.reshape(-1, s.lanes)[:, : s.n + 1] += levels[:, None]
     other = fit(shift)
     return other if start.improved_by(other, len(effects)) else start
