@@ -38,7 +38,7 @@ from piezo_model.identification.gram_matrix import STILL
 from piezo_model.operators import creep, play
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
-from solvers.arrays import Index, Mask, Matrix, Vector
+from solvers.arrays import Index, Matrix, Vector
 
 PLAYS, KNOTS, SAMPLES, ENOUGH = 10, 6, 20_000, 2000
 """Thresholds above zero of the regression; knots of a function over the whole range, twice as many for r = 0; most
@@ -159,16 +159,16 @@ def candidate_rates(sample_time: float, duration_s: float) -> tuple[float, ...]:
     return tuple(float(f"{10.0**k:.6g}") for k in range(math.floor(fastest + 1e-9), math.floor(slowest + 1e-9) - 1, -1))
 
 
-def determine(recording: Recording, counted: Mask, fit: ForwardFit, qp_solver: ProgramSolver) -> CreepEvidence:
-    """Test for creep and drift over all samples, with the memory curve of a fit, and then over the holds alone, during
+def determine(fit: ForwardFit, qp_solver: ProgramSolver) -> CreepEvidence:
+    """Test for creep and drift over all samples of a fit, with its memory curve, and then over the holds alone, during
     which any hysteresis rests."""
-    s, count = fit.structure, int(np.count_nonzero(counted))
+    s, recording, count = fit.structure, fit.recording, int(np.count_nonzero(fit.counted))
     longest = max(part.stop - part.start for part in recording.parts)
     rates = candidate_rates(recording.sample_time, (longest - 1) * recording.sample_time)
-    at = np.flatnonzero(counted)[:: math.ceil(count / SAMPLES)]
+    at = np.flatnonzero(fit.counted)[:: math.ceil(count / SAMPLES)]
     edges = np.searchsorted(at, recording.starts[1:])
     qp_solver.passes += 1
-    columns, states, decays = _columns(recording, at, fit, rates, min(1.0, math.sqrt(count / ENOUGH)))
+    columns, states, decays = _columns(at, fit, rates, min(1.0, math.sqrt(count / ENOUGH)))
     settlings = [rates[first:] for first in range(len(rates), -1, -1)]
     trends = [course(recording.time[at], recording.duration_s, settling) for settling in settlings]
     signals = np.column_stack([s.unit_output(recording.y)[at], *trends])
@@ -305,12 +305,10 @@ def _residual(columns: Matrix, signals: Matrix) -> tuple[Matrix, int]:
     return signals, int(np.count_nonzero(kept))
 
 
-def _columns(
-    recording: Recording, at: Index, fit: ForwardFit, rates: tuple[float, ...], richness: float
-) -> tuple[Matrix, Matrix, Matrix]:
+def _columns(at: Index, fit: ForwardFit, rates: tuple[float, ...], richness: float) -> tuple[Matrix, Matrix, Matrix]:
     """Columns of the null hypothesis, creep states of each rate, and decays of each rate in each part, at the samples
     ``at``."""
-    s, count = fit.structure, max(1, int(PLAYS * richness))
+    s, recording, count = fit.structure, fit.recording, max(1, int(PLAYS * richness))
     r, columns = np.arange(count + 1) / (count + 1), []
     plays, states = np.empty((at.size, r.size)), np.empty((at.size, len(rates)))
     decays, change = np.zeros((at.size, len(recording.starts), len(rates))), np.empty(at.size)

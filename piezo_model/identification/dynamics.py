@@ -91,9 +91,8 @@ class Lag:
 
 @dataclass(frozen=True)
 class StaticView:
-    """The recording that the stage would give without its dynamics, its first fit, and the dynamics."""
+    """The first fit of the recording that the stage would give without its dynamics, and the dynamics."""
 
-    static: Recording
     initial: InitialFit
     dynamics: Dynamics | None = None
     finding: DynamicsFinding | None = None
@@ -119,17 +118,16 @@ def separate(
     if isinstance(choice, Dynamics):
         with checks.refusing(IdentificationError, f"{recording.name}: "):
             choice.check_sample_time(recording.sample_time)
-        inverse = _through_inverse(recording, choice)
-        initial = prepare(inverse)
-        trials = DynamicsTrials.of(recording, inverse, initial, qp_solver)
+        initial = prepare(_through_inverse(recording, choice))
+        trials = DynamicsTrials.of(recording, initial, qp_solver)
         static = trials.without_dynamics(recording, trials.fit(Parameters(choice, recording.sample_time)))
-        return StaticView(static, prepare(static, initial.skip), choice)
+        return StaticView(prepare(static, initial.skip), choice)
     finding = None
     if choice == "estimate":
         view, finding = _with_modes(recording, prepare, skip, qp_solver)
         if view is not None:
             return view
-    view = StaticView(recording, prepare(recording), finding=finding)
+    view = StaticView(prepare(recording), finding=finding)
     return view if lag == "ignore" else _with_lag(recording, view, prepare, choice, lag, qp_solver)
 
 
@@ -146,9 +144,8 @@ def _with_modes(
         return None, None
     share = 1.0 if peak.share > WHOLE else max(peak.share, SMALLEST_GAIN)
     begin = Dynamics((peak.frequency_Hz,), (peak.damping,), (share,), DELAY * T)
-    inverse = _through_inverse(recording, begin)
-    initial = prepare(inverse)
-    trials = DynamicsTrials.of(head, inverse, initial, qp_solver)
+    initial = prepare(_through_inverse(recording, begin))
+    trials = DynamicsTrials.of(head, initial, qp_solver)
     none = trials.fit(Parameters(Dynamics((), (), (), DELAY * T), T, free=True))
     best, rest = trials.best(none, Parameters(begin, T, free=True, residual=share < 1.0), spectra)
     if best is None:
@@ -158,12 +155,12 @@ def _with_modes(
         best,
         peak.gain,
         rest,
-        lambda parameters: DynamicsTrials.of(head, inverse, initial, qp_solver, COARSE).fit(parameters),
+        lambda parameters: DynamicsTrials.of(head, initial, qp_solver, COARSE).fit(parameters),
     )
     if not finding.kept:
         return None, finding
     static = trials.without_dynamics(recording, best)
-    return StaticView(static, prepare(static, initial.skip), parameters_of(best).start, finding), finding
+    return StaticView(prepare(static, initial.skip), parameters_of(best).start, finding), finding
 
 
 def _with_lag(
@@ -177,13 +174,13 @@ def _with_lag(
     """The static view of a recording with a lag, if the lag is to be in the model or removed."""
     initial, T = view.initial, recording.sample_time
     head = recording.head(first_motion(recording, initial.skip) + SAMPLES)
-    trials = DynamicsTrials.of(head, head, initial, qp_solver, USUAL)
+    trials = DynamicsTrials.of(head, initial, qp_solver, USUAL)
     signals = (signal - signal.mean() for signal in (head.y, initial.fit.y_model[: head.length]))
     shift = int(np.argmax(correlate(*signals)[head.length - 1 :][: int(LONGEST)]))
     late, lag = _fit_lag(trials, [Dynamics((), (), (), T * samples) for samples in {0, shift}], choice, option)
     if lag.is_significant:
         static = trials.without_dynamics(head, late)
-        trials = DynamicsTrials.of(head, static, prepare(static, initial.skip), qp_solver)
+        trials = DynamicsTrials.of(head, prepare(static, initial.skip), qp_solver)
         late, lag = _fit_lag(trials, [parameters_of(late).start], choice, option)
     if late.P[at := trials.structure.d + 1, at] == 0.0:
         return view
@@ -191,7 +188,7 @@ def _with_lag(
     if not (lag.removed or lag.in_model):
         return replace(view, left_out=g if lag.is_significant else None, lag=lag)
     static = trials.without_dynamics(recording, late)
-    return StaticView(static, prepare(static, initial.skip), g, view.finding, lag=lag)
+    return StaticView(prepare(static, initial.skip), g, view.finding, lag=lag)
 
 
 def _fit_lag(

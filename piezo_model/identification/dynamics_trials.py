@@ -69,13 +69,12 @@ class DynamicsTrials:
     def of(
         cls,
         recording: Recording,
-        inverse: Recording,
         initial: InitialFit,
         qp_solver: ProgramSolver,
         orders: tuple[int, int] = ORDERS,
     ) -> DynamicsTrials:
-        """Trials that start from the first fit of a static stage, namely of the recording filtered by an inverse; both
-        of these may be longer than the recording."""
+        """Trials that start from the first fit of a static stage, namely of the recording filtered by an inverse, which
+        may be longer than the recording."""
         # the first outputs may follow an earlier drive
         counted = counted_from(recording, initial.skip + min(int(LONGEST), (recording.length - initial.skip) // 10))
         own = initial.fit.structure
@@ -83,7 +82,7 @@ class DynamicsTrials:
         # few levels determine no hysteresis
         s = own if 0 < level_count(recording.x) <= TOO_FEW else union_of([own, with_orders(own, *orders, rates)])
         states = [state_on(own, state, s) for state in initial.fit.states]
-        problem = accumulate(inverse.head(recording.length), counted, s, states, qp_solver)
+        problem = accumulate(initial.fit.recording.head(recording.length), counted, s, states, qp_solver)
         return cls(recording, counted, s, states, s.inverse_slope_map @ qp_solver.optimum(problem), qp_solver)
 
     def fit(

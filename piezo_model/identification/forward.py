@@ -43,12 +43,10 @@ from piezo_model.identification_problem import IdentificationProblem
 from piezo_model.operator_state import OperatorState, padded_thresholds
 from piezo_model.recordings import Recording
 from piezo_model.simulation import (
-    Arrays,
     all_weights,
     arrays_of,
     before_dynamics,
     behind_dynamics,
-    respond,
 )
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Index, Mask, Matrix, Vector
@@ -215,13 +213,6 @@ def state_with_slopes(x: Vector, s: ModelStructure, slopes: Vector | float) -> O
     play[1 : s.n + 1] += np.cumsum(np.diff(s.thresholds) * slopes)
     play = np.where(r >= half, 0.5 * (low + high), play)
     return OperatorState(play, np.tile(play, len(s.creep_rates)))
-
-
-def simulate(
-    s: ModelStructure, arrays: Arrays, recording: Recording, states: States, dynamics: Dynamics | None = None
-) -> Vector:
-    """Output (N,) of a model in its unit, from the states before each part."""
-    return _by_parts(recording, recording.x, states, lambda _, *drive: respond(s, arrays, dynamics, *drive))
 
 
 def _by_parts(

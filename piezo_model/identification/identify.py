@@ -30,7 +30,6 @@ from piezo_model.identification.error_model import (
     IdentificationError,
     ProgramSolver,
     accumulate,
-    counted_from,
     one_thread,
     percent_of,
     prove,
@@ -259,22 +258,21 @@ class Identification(JointStart):
             rates = self.rates
         if options.structure is not None or (rates == [s.creep_rates] and None not in (options.n, options.m)):
             return None, fit
-        recording, orders = self.view.static, (HYSTERESIS_ORDERS, SUPERPOSITION_ORDERS)
+        orders = HYSTERESIS_ORDERS, SUPERPOSITION_ORDERS
         most = orders_within(self.recording.x, *(largest for *_, largest in orders))
         ns, ms = (
             [candidate for candidate in candidates if candidate <= limit] if order is None else [order]
             for candidates, limit, order in zip(orders, most, (options.n, options.m), strict=True)
         )
-        counted = counted_from(recording, initial.skip)
-        selection = select(recording, counted, fit, evidence, rates, self.qp_solver, self.span, self.levels, ns, ms)
+        selection = select(fit, evidence, rates, self.qp_solver, self.span, self.levels, ns, ms)
         return selection if None in (options.n, options.m) else None, selection.chosen
 
     def fit(self, guess: InitialGuess) -> FinalFit:
         """Solve (6) and minimise the output error, with a trend if the gain is significant."""
         recording, s = self.recording, guess.structure
-        counted, qp_solver = counted_from(recording, self.view.initial.skip), self.qp_solver
+        counted, qp_solver = self.view.initial.fit.counted, self.qp_solver
         parameters = None if self.view.dynamics is None else Parameters(self.view.dynamics, s.sample_time)
-        problem = accumulate(self.view.static, counted, s, guess.states, qp_solver)
+        problem = accumulate(self.view.initial.fit.recording, counted, s, guess.states, qp_solver)
         optimal = qp_solver.optimum(problem)
         v = s.inverse_slope_map @ optimal
         if self.options.estimator == "error-model":
@@ -322,9 +320,7 @@ class Identification(JointStart):
             for member, share, member_errors in members
         ]
         label, verdict = min(verdicts, key=lambda labelled: labelled[1].refusal is None)
-        refusal = verdict.refusal and label + verdict.refusal
-        if self.view.finding is not None:
-            refusal = self.view.finding.refusal or refusal
+        refusal = (self.view.finding and self.view.finding.refusal) or (verdict.refusal and label + verdict.refusal)
         faults = [label + fault for label, member in verdicts for fault in member.faults]
         return replace(verdict, refusal=refusal, faults=faults), errors, recording, members
 
@@ -359,8 +355,7 @@ def _begin(
         joint = joint_start(recordings, first, static_view, own_lag, fit_alone, qp_solver)
         return Identification(**vars(joint), options=options, qp_solver=qp_solver)
     recording, view = recordings[0], static_view(recordings[0], first)
-    evidence = determine(view.static, counted_from(recording, view.initial.skip), view.initial.fit, qp_solver)
-    return alone(recording, view, evidence)
+    return alone(recording, view, determine(view.initial.fit, qp_solver))
 
 
 def _with_report(

@@ -134,8 +134,6 @@ def state_on(s: ModelStructure, state: OperatorState, other: ModelStructure) -> 
 
 
 def select(
-    recording: Recording,
-    counted: Mask,
     fit: ForwardFit,
     determined: CreepEvidence,
     rates: Sequence[Sequence[float]],
@@ -150,14 +148,14 @@ def select(
 
     Candidates with too many weights for the samples are omitted, except the first.
     """
-    most = np.count_nonzero(counted) / FEWEST_PER_WEIGHT
-    independent = max(fit.independent, determined.independent, _beyond_noise(recording, counted, fit.error))
-    candidates, further = [], levels.append(determined.trend_column(recording))
+    most = np.count_nonzero(fit.counted) / FEWEST_PER_WEIGHT
+    independent = max(fit.independent, determined.independent, _beyond_noise(fit))
+    candidates, further = [], levels.append(determined.trend_column(fit.recording))
     for own in rates:
         orders = [with_orders(fit.structure, n, m, own) for n, m in product(ns, ms)]
         orders = [s for s in orders if s.d < most] or orders[:1]
         union = union_of(orders)
-        gram = _gram(recording, counted, fit, union, further.signals, qp_solver)
+        gram = _gram(fit, union, further.signals, qp_solver)
         candidates += [
             _candidate(s, fit, union, *gram, further, determined, independent, qp_solver, span) for s in orders
         ]
@@ -165,32 +163,29 @@ def select(
 
 
 def _gram(
-    recording: Recording,
-    counted: Mask,
     fit: ForwardFit,
     union: ModelStructure,
     further: Matrix,
     qp_solver: ProgramSolver,
 ) -> tuple[Matrix, Mask]:
     """Means of the products of x/s, Ξ/s, e and further columns (N, k), and which of the columns Ξ moved."""
-    s = fit.structure
-    chosen = np.zeros(recording.length, dtype=bool)
-    chosen[np.flatnonzero(counted)[:: math.ceil(np.count_nonzero(counted) / SAMPLES)]] = True
+    s, counted, chosen = fit.structure, np.flatnonzero(fit.counted), np.zeros(fit.counted.size, dtype=bool)
+    chosen[counted[:: math.ceil(counted.size / SAMPLES)]] = True
     slopes, states = piece_slopes(s, fit.v, fit.static), [state_on(s, state, union) for state in fit.states]
     qp_solver.passes += 1
     unfiltered = np.column_stack([fit.error, further])
     return gram_of(
-        recording, chosen, union, [states], fit.y_model, lambda _, at, rows: rows / slopes[at, None], unfiltered
+        fit.recording, chosen, union, [states], fit.y_model, lambda _, at, rows: rows / slopes[at, None], unfiltered
     )
 
 
-def _beyond_noise(recording: Recording, counted: Mask, error: Vector) -> float:
-    """Number of samples N V / ν of the error (N,), summed over the recordings."""
-    owners, samples = recording.spread(recording.owners), 0.0
-    for owner in set(recording.owners):
-        own = counted & (owners == owner)
-        squares = float(error[own] @ error[own]) + EXACT * np.count_nonzero(own)
-        samples += squares / (noise_floor(recording, own, error) + EXACT)
+def _beyond_noise(fit: ForwardFit) -> float:
+    """Number of samples N V / ν of the error of a fit, summed over the recordings."""
+    owners, samples = fit.recording.spread(fit.recording.owners), 0.0
+    for owner in set(fit.recording.owners):
+        own = fit.counted & (owners == owner)
+        squares = float(fit.error[own] @ fit.error[own]) + EXACT * np.count_nonzero(own)
+        samples += squares / (noise_floor(fit.recording, own, fit.error) + EXACT)
     return samples
 
 

@@ -26,7 +26,6 @@ from piezo_model.identification.error_model import (
     IdentificationError,
     ProgramSolver,
     accumulate,
-    counted_from,
     percent_of,
 )
 from piezo_model.identification.forward import EXACT, Columns, ForwardFit, fit_forward
@@ -85,12 +84,6 @@ class SingleFit(Start):
 
     fit: ForwardFit
 
-    @property
-    def sentence(self) -> str:
-        """What the drive determines."""
-        drive = identifiability_of(self.recording, self.view.initial.skip, self.evidence)
-        return drive.sentence(drive.creep and self.evidence.is_clear, self.view.dynamics is not None)
-
 
 @dataclass(frozen=True)
 class JointStart(Start):
@@ -111,6 +104,8 @@ class JointStart(Start):
     def members(self, shares: Sequence[tuple[Recording, ForwardFit, Fit]]) -> Iterator[dict[str, Any]]:
         """The report of each of several recordings, from its share of a joint fit and its errors."""
         for single, (recording, share, errors) in zip(self.singles, shares, strict=False):
+            drive = identifiability_of(single.recording, single.view.initial.skip, single.evidence)
+            determines = drive.sentence(drive.creep and single.evidence.is_clear, single.view.dynamics is not None)
             rms_percent, alone_percent = (percent_of(errors.span, fit.rms) for fit in (share, single.fit))
             yield {
                 "name": recording.name,
@@ -118,7 +113,7 @@ class JointStart(Start):
                 "rms_percent": rms_percent,
                 "alone_percent": alone_percent,
                 "sentence": f"{recording.name}: RMS error {percent(rms_percent)} of its range, and "
-                f"{percent(alone_percent)} with a model of it alone. {single.sentence}",
+                f"{percent(alone_percent)} with a model of it alone. {determines}",
             }
 
 
@@ -163,28 +158,29 @@ def joint_start(
             view = static_view(recording, s, known)
         else:
             view = replace(static_view(recording, s, "ignore", own_lag), dynamics=None)
-        counted = counted_from(view.static, view.initial.skip)
-        member = replace(recording if view.dynamics else view.static, uncounted=~counted)
-        evidence = determine(view.static, counted, view.initial.fit, qp_solver)
+        fit = view.initial.fit
+        member = replace(recording if view.dynamics else fit.recording, uncounted=~fit.counted)
+        evidence = determine(fit, qp_solver)
         return SingleFit(member, view, evidence, fit_alone(member, view, evidence))
 
     singles = [fit_single(recording) for recording in recordings]
-    structures = [single.view.initial.fit.structure for single in singles]
+    fits = [single.view.initial.fit for single in singles]
+    structures = [fit.structure for fit in fits]
     signs = {s.negative_gain: recording.name for recording, s in zip(recordings, structures, strict=True)}
     if len(signs) > 1:
         raise IdentificationError(f"the output rises with the input in {signs[False]}, and falls in {signs[True]}")
     weights = [1.0 / (np.count_nonzero(~single.recording.uncounted) * single.fit.rms**2) for single in singles]
     whole = concatenate([single.recording for single in singles], weights)
-    x, y = (np.concatenate([getattr(single.view.static, name) for single in singles]) for name in ("x", "y"))
+    x, y = (np.concatenate([getattr(fit.recording, name) for fit in fits]) for name in ("x", "y"))
     static = replace(whole, x=x, y=y)
     columns = np.repeat(np.eye(len(recordings))[:, 1:], [recording.length for recording in recordings], axis=0)
     levels = Columns.of(columns)
-    states, s = [state for single in singles for state in single.view.initial.fit.states], _over_all(structures)
+    states, s = [state for fit in fits for state in fit.states], _over_all(structures)
     v = s.inverse_slope_map @ qp_solver.optimum(accumulate(static, ~static.uncounted, s, states, qp_solver))
     fit = fit_forward(static, ~static.uncounted, s, states, v, qp_solver, searched=[True] * len(states), further=levels)
     initial = InitialFit(0, [SEARCHED] * len(states), fit)
     evidence, rates = _creep(singles, whole, s)
-    return JointStart(whole, replace(source, static=static, initial=initial), evidence, rates, levels, singles)
+    return JointStart(whole, replace(source, initial=initial), evidence, rates, levels, singles)
 
 
 def _over_all(structures: Sequence[ModelStructure]) -> ModelStructure:

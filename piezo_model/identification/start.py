@@ -105,7 +105,7 @@ def prepare(
         initial = replace(
             initial, fit=_fit_from_program(recording, counted, initial.fit.structure, initial.fit.states, qp_solver)
         )
-    return _with_modelled_range(recording, initial, qp_solver) if fit_range else initial
+    return _with_modelled_range(initial, qp_solver) if fit_range else initial
 
 
 def _fit_from_program(
@@ -136,10 +136,10 @@ def _with_output_range(recording: Recording, s: ModelStructure, skip: int, fit_r
     return replace(s, y_centre=0.5 * (low + high), y_scale=math.copysign(0.5 * (high - low), s.y_scale))
 
 
-def _with_modelled_range(recording: Recording, initial: InitialFit, qp_solver: ProgramSolver) -> InitialFit:
+def _with_modelled_range(initial: InitialFit, qp_solver: ProgramSolver) -> InitialFit:
     """The fit with the range of the modelled output. Noise and ringing widen the range of the measured output, so that
     the outermost pieces of S⁻¹ would hardly be visited."""
-    fit, s, counted = initial.fit, initial.fit.structure, counted_from(recording, initial.skip)
+    fit, s, recording, counted = initial.fit, initial.fit.structure, initial.fit.recording, initial.fit.counted
     low, high = float(fit.y_model[counted].min()), float(fit.y_model[counted].max())
     if high - low < 2.0 * FLAT or max(1.0 - high, low + 1.0) < NARROWER:
         return initial

@@ -19,12 +19,11 @@ import piezo_model
 from piezo_model.identification.adequacy import Fit, applicable, fit_of, outlier
 from piezo_model.identification.dynamics_parameters import Parameters
 from piezo_model.identification.error_model import ProgramSolver, States, counted_from, one_thread, percent_of
-from piezo_model.identification.forward import NUDGE, Columns, ForwardFit, fit_forward, simulate
+from piezo_model.identification.forward import NUDGE, Columns, ForwardFit, fit_forward
 from piezo_model.identification.gram_matrix import initial_ringing
 from piezo_model.identification.start import initial_segment, longest_transient, start_of, transient
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
-from piezo_model.simulation import Arrays
 from piezo_model.units import percent, quantity
 from solvers.arrays import Mask, Vector
 
@@ -145,7 +144,7 @@ def _start_and_transient(
     def fit_after(skip: int) -> tuple[ForwardFit, Vector]:
         counted = counted_from(head, skip)
         best = start_of(head, counted, s, v, qp_solver, shift, parameters)[1]
-        best = _with_creep_levels(head, counted, model.arrays, best, shift, qp_solver, parameters)
+        best = _with_creep_levels(head, counted, model, best, shift, qp_solver, parameters)
         return best, np.asarray(0.5 * (best.error - np.median(best.error[counted])))  # relative to the range
 
     whole, error = fit_after(0)
@@ -159,13 +158,13 @@ def _start_and_transient(
 def _with_creep_levels(
     part: Recording,
     counted: Mask,
-    arrays: Arrays,
+    model: piezo_model.HysteresisCreepModel,
     start: ForwardFit,
     shift: Columns,
     qp_solver: ProgramSolver,
     parameters: Parameters | None,
 ) -> ForwardFit:
-    """The fit of known weights, those of ``arrays``, with an initial level of its own for the creep of each rate, if
+    """The fit of known weights, those of the model, with an initial level of its own for the creep of each rate, if
     the gain is significant."""
     s, state = start.structure, start.states[0].copy()
     if not s.creep_rates:
@@ -175,7 +174,7 @@ def _with_creep_levels(
         nudged = state.copy()
         nudged.creep.reshape(-1, s.lanes)[rate, : s.n + 1] += NUDGE
         qp_solver.passes += 1
-        nudged_y = s.unit_output(simulate(s, arrays, part, [nudged], start.dynamics))
+        nudged_y = s.unit_output(model.simulate(part.x, nudged))
         effects.append((nudged_y + start.ringing - start.y_model) / NUDGE)
 
     def fit(further: Columns) -> ForwardFit:
@@ -194,9 +193,15 @@ def model_output(
 ) -> Vector:
     """Output (N,) of a model over a recording in its units, from the states before each part, with the ringing from
     before the first sample after ``skip``."""
-    y = simulate(model.structure, model.arrays, recording, states, model.dynamics)
+    y = _simulate(model, recording, states)
     error, counted = recording.y - y, counted_from(recording, skip)
     return y + initial_ringing([model.dynamics] * len(states), recording, error - error[counted].mean(), counted)
+
+
+def _simulate(model: piezo_model.HysteresisCreepModel, recording: Recording, states: States) -> Vector:
+    """Output (N,) of a model for a recording in its units, from the states before each part."""
+    parts = zip(recording.parts, states, strict=True)
+    return np.concatenate([model.simulate(recording.x[part], state) for part, state in parts])
 
 
 @one_thread
@@ -211,4 +216,4 @@ def simulate_recording(
     if state is None:
         return model_output(model, recording, start_and_transient(model, recording)[0])
     later = start_and_transient(model, recording)[0][1:] if recording.starts[1:] else []
-    return simulate(s, model.arrays, recording, [state, *later], model.dynamics)
+    return _simulate(model, recording, [state, *later])
