@@ -106,8 +106,9 @@ def _accumulate_together(
 ) -> IdentificationProblem:
     """The program of several recordings, with weighted means and with creep at the sampling period of each."""
     unit_x, unit_y = s.unit_input(recording.x[counted]), s.unit_output(recording.y)
-    nothing = np.zeros((recording.length, 0))
-    gram, moved = gram_of(recording, counted, s, (states,), unit_y, lambda _part, _samples, rows: rows, nothing)
+    gram, moved = gram_of(
+        recording, counted, s, (states,), unit_y, lambda _part, _at, rows: rows, np.zeros((recording.length, 0))
+    )
     ends = [float(end) for v in (unit_x, unit_y[counted]) for end in (v.min(), v.max())]
     moved_plays, moved_creep = (tuple(moved[s.slices[i]].tolist()) for i in (0, 2))
     excitation = Excitation(ends[0], ends[1], ends[2], ends[3], moved_plays, moved_creep)

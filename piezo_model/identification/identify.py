@@ -251,12 +251,10 @@ class Identification(JointStart):
 
     def choose_orders(self) -> tuple[Selection | None, InitialGuess]:
         """The choice of the orders, and the starting point of the final fit."""
-        initial, options, evidence = self.view.initial, self.options, self.evidence
-        fit, s = initial.fit, initial.fit.structure
-        rates: Sequence[tuple[float, ...]] = [s.creep_rates]
-        if options.chooses_creep and evidence.creep is not None:
-            rates = self.rates
-        if options.structure is not None or (rates == [s.creep_rates] and None not in (options.n, options.m)):
+        fit, options, evidence = self.view.initial.fit, self.options, self.evidence
+        own: Sequence[tuple[float, ...]] = [fit.structure.creep_rates]
+        rates = self.rates if options.chooses_creep and evidence.creep is not None else own
+        if options.structure is not None or (rates == own and None not in (options.n, options.m)):
             return None, fit
         orders = HYSTERESIS_ORDERS, SUPERPOSITION_ORDERS
         most = orders_within(self.recording.x, *(largest for *_, largest in orders))
@@ -365,8 +363,7 @@ def _with_report(
     fit, problem, options, view = final.fit, final.problem, identification.options, identification.view
     verdict, errors, recording, members = judgement
     s, initial, evidence, qp_solver = fit.structure, view.initial, identification.evidence, identification.qp_solver
-    g, lag = fit.dynamics, view.lag
-    removed = lag is not None and lag.removed
+    g, removed = fit.dynamics, view.lag is not None and view.lag.removed
     known = {"sensor_delay_s": g.delay_s} if removed and g else {"dynamics": g, "left_out": view.left_out}
     model = replace(HysteresisCreepModel.from_weights(s, fit.weights), **known)
     starts = zip(recording.starts, initial.starts, fit.states, strict=True)
@@ -377,7 +374,7 @@ def _with_report(
         adequacy=verdict,
         excitation=problem.excitation_report(),
         certificate=prove(problem, final.optimal),
-        lag=lag,
+        lag=view.lag,
         dynamics=view.finding,
         start=initial.starts[0],
         parts=[{"first_sample": first, "start": how, **state.to_dict(s)} for first, how, state in starts][1:],

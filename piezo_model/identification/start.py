@@ -101,10 +101,8 @@ def prepare(
         if skip := transient(0.5 * spoiled, 0.5 * later.fit.error, longest):
             initial = _fit_from_best_starts(head, _with_output_range(recording, s, skip, fit_range), skip, qp_solver)
     if head.length < recording.length:
-        counted = counted_from(recording, initial.skip)
-        initial = replace(
-            initial, fit=_fit_from_program(recording, counted, initial.fit.structure, initial.fit.states, qp_solver)
-        )
+        counted, s, states = counted_from(recording, initial.skip), initial.fit.structure, initial.fit.states
+        initial = replace(initial, fit=_fit_from_program(recording, counted, s, states, qp_solver))
     return _with_modelled_range(initial, qp_solver) if fit_range else initial
 
 

@@ -25,7 +25,7 @@ from piezo_model.identification.start import initial_segment, longest_transient,
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
 from piezo_model.units import percent, quantity
-from solvers.arrays import Mask, Vector
+from solvers.arrays import Vector
 
 FARTHEST, OUTLIER_SAMPLES = 2.0, 1_000_000
 """Largest initial distance of a creep state from the play's state, normalised units; samples from the start that are
@@ -142,10 +142,9 @@ def _start_and_transient(
     shift, longest = Columns.of(np.ones(head.length)), longest_transient(head)
 
     def fit_after(skip: int) -> tuple[ForwardFit, Vector]:
-        counted = counted_from(head, skip)
-        best = start_of(head, counted, s, v, qp_solver, shift, parameters)[1]
-        best = _with_creep_levels(head, counted, model, best, shift, qp_solver, parameters)
-        return best, np.asarray(0.5 * (best.error - np.median(best.error[counted])))  # relative to the range
+        best = start_of(head, counted_from(head, skip), s, v, qp_solver, shift, parameters)[1]
+        best = _with_creep_levels(model, best, shift, qp_solver)
+        return best, np.asarray(0.5 * (best.error - np.median(best.error[best.counted])))  # relative to the range
 
     whole, error = fit_after(0)
     if longest and np.max(np.abs(whole.error[:longest])) > np.max(np.abs(whole.error[longest:])):
@@ -156,16 +155,10 @@ def _start_and_transient(
 
 
 def _with_creep_levels(
-    part: Recording,
-    counted: Mask,
-    model: piezo_model.HysteresisCreepModel,
-    start: ForwardFit,
-    shift: Columns,
-    qp_solver: ProgramSolver,
-    parameters: Parameters | None,
+    model: piezo_model.HysteresisCreepModel, start: ForwardFit, shift: Columns, qp_solver: ProgramSolver
 ) -> ForwardFit:
-    """The fit of known weights, those of the model, with an initial level of its own for the creep of each rate, if
-    the gain is significant."""
+    """The fit of the weights of a model, with an initial level of its own for the creep of each rate, if the gain is
+    significant."""
     s, state = start.structure, start.states[0].copy()
     if not s.creep_rates:
         return start
@@ -174,12 +167,20 @@ def _with_creep_levels(
         nudged = state.copy()
         nudged.creep.reshape(-1, s.lanes)[rate, : s.n + 1] += NUDGE
         qp_solver.passes += 1
-        nudged_y = s.unit_output(model.simulate(part.x, nudged))
+        nudged_y = s.unit_output(model.simulate(start.recording.x, nudged))
         effects.append((nudged_y + start.ringing - start.y_model) / NUDGE)
 
     def fit(further: Columns) -> ForwardFit:
         return fit_forward(
-            part, counted, s, [state], start.v, qp_solver, weights_known=True, further=further, parameters=parameters
+            start.recording,
+            start.counted,
+            s,
+            [state],
+            start.v,
+            qp_solver,
+            weights_known=True,
+            further=further,
+            parameters=start.parameters,
         )
 
     levels = fit(shift.append(Columns.of(np.column_stack(effects), -FARTHEST, FARTHEST))).further[1:]
