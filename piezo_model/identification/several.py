@@ -222,9 +222,16 @@ def split_fit(recording: Recording, fit: ForwardFit) -> Iterator[tuple[Recording
         samples = slice(end - member.length, end)
         s, dynamics = at_period(fit.structure, fit.dynamics, member.sample_time)
         share = {name: getattr(fit, name)[samples] for name in ("static", "y_model", "error", "counted")}
-        share["cost"] = float(np.mean(share["error"][share["counted"]] ** 2)) + EXACT
-        share["states"] = [state for owner, state in zip(recording.owners, fit.states, strict=True) if owner == i]
         levelled = replace(member, y=recording.y[samples])
         errors = levelled.y - s.y_centre - s.y_scale * share["y_model"]
         own_errors = fit_of(levelled, s, errors, 0, float(np.ptp(levelled.y[share["counted"]])))
-        yield levelled, replace(fit, **share, structure=s, dynamics=dynamics, recording=levelled), own_errors
+        own_fit = replace(
+            fit,
+            **share,
+            cost=float(np.mean(share["error"][share["counted"]] ** 2)) + EXACT,
+            states=[state for owner, state in zip(recording.owners, fit.states, strict=True) if owner == i],
+            structure=s,
+            dynamics=dynamics,
+            recording=levelled,
+        )
+        yield levelled, own_fit, own_errors

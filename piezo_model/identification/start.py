@@ -157,11 +157,15 @@ def _fit_from_best_starts(
         first, *later = (state_with_slopes(recording.x[part], s, slope) for part in parts)
         return _fit_from_program(recording, counted, s, [state or first, *later], qp_solver)
 
-    if len(parts) == 1 and state is not None:
-        return InitialFit(skip, ["given"], fit(0.0))
     if len(parts) == 1:
-        start, best = best_start(
-            s.n, fit, lambda best: fit_forward(recording, counted, s, best.states, best.v, qp_solver, searched=[True])
+        start, best = (
+            ("given", fit(0.0))
+            if state is not None
+            else best_start(
+                s.n,
+                fit,
+                lambda best: fit_forward(recording, counted, s, best.states, best.v, qp_solver, searched=[True]),
+            )
         )
         return InitialFit(skip, [start], best)
     start, best = best_start(s.n, fit)
