@@ -130,11 +130,11 @@ class CreepEvidence:
             "sentence": self.sentence(rates, chosen),
         }
 
-    def creep_limits(self, s: ModelStructure, fit: ForwardFit) -> Vector | None:
+    def creep_limits(self, s: ModelStructure, fit: ForwardFit) -> Vector | float:
         """Upper bounds (n + 1,) of the creep weights of a structure with these rates, by the slope of S⁻¹ in a fit;
-        None for a structure without creep."""
+        infinite without creep."""
         if self.creep is None or not s.creep_rates:
-            return None
+            return math.inf
         limits = np.zeros(s.n + 1)
         limits[0] = self.creep.limits[1] * float(np.mean(fit.v[fit.structure.slices[1]]))
         return limits

@@ -241,7 +241,7 @@ def fit_forward(
     searched: Sequence[bool] = (),
     weights_known: bool = False,
     further: Columns | None = None,
-    creep_limits: Vector | None = None,
+    creep_limits: Vector | float = np.inf,
     parameters: Parameters | None = None,
 ) -> ForwardFit:
     """Minimise the output error over the weights and other unknowns.
@@ -262,8 +262,8 @@ def fit_forward(
     weights_known : bool
         Whether the weights are fixed.
     further : Columns, optional
-    creep_limits : array (n + 1,), optional
-        Upper bounds of the creep weights.
+    creep_limits : array (n + 1,) or float
+        Upper bounds of the creep weights; infinite by default.
     parameters : Parameters, optional
         The dynamics, and which of their parameters are unknowns.
 
@@ -369,15 +369,14 @@ def fit_forward(
 def bounds(
     s: ModelStructure,
     further: Columns,
-    creep_limits: Vector | None,
+    creep_limits: Vector | float,
     n: int = 0,
     parameters: Parameters | None = None,
 ) -> Box:
     """Bounds of all unknowns z, among them n initial slopes."""
     theta_lb, theta_ub = (np.zeros(0), np.zeros(0)) if parameters is None else parameters.bounds
     weights_ub = np.full(s.d, np.inf)
-    if creep_limits is not None:
-        weights_ub[s.slices[2]] = creep_limits
+    weights_ub[s.slices[2]] = creep_limits
     lb = np.concatenate([s.lower_bounds(MIN_SLOPE), -np.ones(n), further.lb, theta_lb])
     return Box(lb, np.concatenate([weights_ub, np.ones(n), further.ub, theta_ub]))
 

@@ -168,8 +168,7 @@ def identify(
     with checks.refusing(IdentificationError):
         checks.one_of(get_args(LagChoice), lag=lag)
         checks.one_of(get_args(Estimator), estimator=estimator)
-        if not isinstance(dynamics, Dynamics):
-            checks.one_of(get_args(DynamicsChoice), dynamics=dynamics)
+        checks.one_of(get_args(DynamicsChoice), dynamics="estimate" if isinstance(dynamics, Dynamics) else dynamics)
         checks.whole(0, skip=0 if skip is None else skip)
         checks.require(lambda s: s is None or isinstance(s, ModelStructure), "a ModelStructure", structure=structure)
     recordings = _recordings_of(x, y, structure)
@@ -278,7 +277,7 @@ class Identification(JointStart):
                 recording, counted, s, guess.states, v, qp_solver, steps=0, further=self.levels, parameters=parameters
             )
             return FinalFit(problem, optimal, fit, None)
-        limits = self.evidence.creep_limits(s, self.view.initial.fit) if self.options.chooses_creep else None
+        limits = self.evidence.creep_limits(s, self.view.initial.fit) if self.options.chooses_creep else math.inf
 
         def fit_from(states: Sequence[OperatorState], v: Vector, further: Columns) -> ForwardFit:
             return fit_forward(
@@ -408,5 +407,12 @@ def _recordings_of(
         return cast(Sequence[Recording], x)
     if y is None or structure is None:
         raise IdentificationError("identification from arrays needs x, y and a structure")
-    units = {"input_unit": structure.input_unit, "output_unit": structure.output_unit}
-    return [Recording.from_arrays(cast(ArrayLike, x), y, structure.sample_time, **units)]
+    return [
+        Recording.from_arrays(
+            cast(ArrayLike, x),
+            y,
+            structure.sample_time,
+            input_unit=structure.input_unit,
+            output_unit=structure.output_unit,
+        )
+    ]
