@@ -38,7 +38,7 @@ def make(name: str, source: str | Path, folder: Path = FOLDER) -> None:
     ends = {found.skip + round(share * (x.size - found.skip)) for share in WINDOWS}
     programs: list[list[IdentificationProblem]] = []
     for first in range(PROGRAMS):
-        basis = DataBasis(found.structure, found.fit.states[0])
+        basis = DataBasis(found.fit.structure, found.fit.states[0])
         windows = []
         for k in range(x.size):
             basis.update(x[k : k + 1], y[k : k + 1], count=k >= found.skip and k % PROGRAMS == first)
@@ -48,7 +48,7 @@ def make(name: str, source: str | Path, folder: Path = FOLDER) -> None:
     write(
         folder / f"{name}.npz",
         programs,
-        Validation(found.structure, basis.state.copy(), unseen.x, unseen.counted_y, sensor_noise(whole.counted_y)),
+        Validation(found.fit.structure, basis.state.copy(), unseen.x, unseen.counted_y, sensor_noise(whole.counted_y)),
     )
 
 

@@ -180,7 +180,7 @@ def test_the_operators_begin_anew_at_each_sweep_of_a_recording(recording: Path, 
     fitted, _ = made._split
     assert fitted.starts == (0, 2000)
     prepared = preprocessed(fitted, 5, 3, made._orders_and_rates[1])
-    alone = accumulate(fitted, counted_from(fitted, 0), prepared.structure, prepared.fit.states, ProgramSolver())
+    alone = accumulate(fitted, counted_from(fitted, 0), prepared.fit.structure, prepared.fit.states, ProgramSolver())
     np.testing.assert_allclose(problem.forms["scaled"].qp.P, alone.qp.P, atol=1e-12)
 
 
