@@ -287,8 +287,9 @@ def _kink(t: Vector, h: Vector) -> tuple[float, float, float] | None:
             continue
         lines = np.column_stack([np.ones(near.size), np.maximum(near - 1.0, 0.0), np.minimum(near, 1.0)])
         two = np.linalg.lstsq(lines, y, rcond=None)[0]
-        squares, others = (np.mean(left**2) for left in (y - lines @ two, residual(np.vander(near, 4), y)))
+        squares = np.mean((y - lines @ two) ** 2)
         if abs(two[2]) < -FLAT * two[1] and two[1] < -STEEP * flat and squares < ROUGH**2:
+            others = np.mean(residual(np.vander(near, 4), y) ** 2)
             kinks.append((float(two[0]), float(y.size * (others - squares) / (squares + EXACT**2)), flat))
     return max(kinks, key=lambda kink: kink[1], default=None)
 
