@@ -1,7 +1,7 @@
 """Atomic replacement of files: write next to the target, flush to disk, then rename over it."""
 
 import os
-import tempfile
+import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,17 +21,17 @@ def replacing(path: str | Path) -> Iterator[Path]:
     '1 2 3'
     """
     path = Path(path)
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
-    os.close(handle)
-    temporary = Path(name)
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}{path.suffix}")
     try:
+        temporary.touch(exist_ok=False)  # with the permissions of an ordinary new file, unlike tempfile's
         yield temporary
-        mask = os.umask(0)
-        os.umask(mask)
-        temporary.chmod(0o666 & ~mask)  # mkstemp is private; an ordinary new file is not
         _flush(temporary)
         temporary.replace(path)
         _flush(path.parent)  # the new directory entry, not only the content
+    except OSError as error:
+        if error.strerror and error.filename in (None, str(temporary)):  # a full disk names no file
+            error.filename = str(path)
+        raise
     finally:
         temporary.unlink(missing_ok=True)
 

@@ -145,7 +145,12 @@ class ModelStructure(Immutable):
         Give ``y_range`` in descending order if the output falls as the input rises.
         """
         with checks.refusing(StructureError):
-            checks.whole(0, n=n, m=m)
+            checks.require(
+                lambda order: isinstance(order, int) and 0 <= order <= 1000,  # above all stages need, within memory
+                "a whole number from 0 to 1000",
+                n=n,
+                m=m,
+            )
             checks.ascending(x_range=x_range)
             checks.require(
                 lambda pair: len(pair) == 2 and -LARGEST <= min(ends := reals("", pair)) < max(ends) <= LARGEST,

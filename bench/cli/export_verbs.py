@@ -31,7 +31,11 @@ CONTROL: dict[str, Any] = {
     "rate": Annotated[
         float | None,
         typer.Option(
-            metavar="HZ", callback=positive, help="Samples per second of the controller; the model's by default."
+            metavar="HZ",
+            callback=positive,
+            min=1e-9,
+            max=1e9,
+            help="Samples per second of the controller; the model's by default.",
         ),
     ],
     "integral_gain": Annotated[

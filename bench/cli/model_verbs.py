@@ -48,6 +48,19 @@ SHOWN = 8
 """Rows of the table of candidates; the page has all."""
 
 
+def _rates(text: str) -> tuple[float, ...]:
+    """Parser of an option: creep rates, separated by commas."""
+    if text.strip().lower() in ("", "none"):
+        return ()
+    try:
+        rates = tuple(map(float, text.split(",")))
+    except ValueError:
+        raise typer.BadParameter(f"{text!r} is not a list of numbers separated by commas") from None
+    if not all(rate > 0.0 for rate in rates):
+        raise typer.BadParameter(f"{text!r} has a rate that is not positive")
+    return rates
+
+
 @on_workers
 @reads_a_recording
 def identify_verb(
@@ -70,11 +83,12 @@ def identify_verb(
         typer.Option(metavar="M", min=0, max=MOST, help="Order of the superposition on each side; likewise."),
     ] = None,
     creep_rates: Annotated[
-        str | None,
+        Any,
         typer.Option(
             "--rates",
             "--creep-rates",
             metavar="RATES",
+            parser=_rates,
             help="Creep rates in 1/s, separated by commas, or 'none'; by default as the data determine.",
         ),
     ] = None,
@@ -108,7 +122,7 @@ def identify_verb(
     It reports how well the model fits and what the recordings lack; --page draws the fit of one recording.
     """
     file = recording_of(recording, reading)
-    job = jobs.Identifying(reading, n, m, _rates(creep_rates), skip, lag, dynamics, estimator, solver, force)
+    job = jobs.Identifying(reading, n, m, creep_rates, skip, lag, dynamics, estimator, solver, force)
     if out is None:
         process(job, recording or (), out_dir, workers, "gave a model", as_json, page)
         return
@@ -154,21 +168,6 @@ def identify_verb(
         as_json,
         *([(CANDIDATES, candidates, 0)] if selection else []),
     )
-
-
-def _rates(text: str | None) -> tuple[float, ...] | None:
-    if text is None:
-        return None
-    if text.strip().lower() in ("", "none"):
-        return ()
-    try:
-        rates = tuple(float(rate) for rate in text.split(","))
-    except ValueError:
-        raise typer.BadParameter(
-            f"{text!r} is not a list of numbers separated by commas", param_hint="--rates"
-        ) from None
-    check_option(all(rate > 0.0 for rate in rates), "--rates", f"{text!r} has a rate that is not positive")
-    return rates
 
 
 @on_workers

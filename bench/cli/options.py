@@ -59,11 +59,8 @@ def check_option(condition: bool, option: str, why: str) -> None:
         raise typer.BadParameter(why, param_hint=option)
 
 
-def check_writable(out: Path | None, option: str = "--out", others: Iterable[str | Path | None] = ()) -> None:
-    """Refuse an output file that cannot be written, or that is another of the call's files or in one of its folders,
-    before the work starts."""
-    if out is None:
-        return
+def check_apart(out: Path, option: str, others: Iterable[str | Path | None]) -> None:
+    """Refuse an output that is another of the call's files or in one of its folders."""
     written = Path(os.path.realpath(out))
     for other in (path for path in others if path):
         read = Path(os.path.realpath(other))
@@ -73,6 +70,14 @@ def check_writable(out: Path | None, option: str = "--out", others: Iterable[str
             option,
             f"{out} is in {other}, which this command reads; name a file elsewhere",
         )
+
+
+def check_writable(out: Path | None, option: str = "--out", others: Iterable[str | Path | None] = ()) -> None:
+    """Refuse an output file that cannot be written, or that is another of the call's files or in one of its folders,
+    before the work starts."""
+    if out is None:
+        return
+    check_apart(out, option, others)
     check_option(out.parent.is_dir(), option, f"the folder {out.parent} does not exist")
     check_option(  # writing would replace it, even /dev/null
         out.is_file() or not out.exists(),

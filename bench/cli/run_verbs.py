@@ -8,7 +8,7 @@ import typer
 
 from bench import problems, verification
 from bench.cli import FAILED, UNDECIDED
-from bench.cli.options import AsJson, NoDynamics, Seed, check_option, check_writable, refuse
+from bench.cli.options import AsJson, NoDynamics, Seed, check_apart, check_option, check_writable, refuse
 from bench.comparison import report as comparison_report
 from bench.comparison import versions
 from bench.comparison.compare import FASTER, SAME, SLOWER, SMALLEST, compare_runs
@@ -78,12 +78,14 @@ def compare_verb(
     versions are; runs without a row in common are refused. Times differ only if the change exceeds the noise between
     the runs, and where a change that matters could have gone unseen, the comparison says so.
     """
-    check_option(smallest > 1.0, "--smallest", f"must be a ratio above 1, not {smallest:g}")
+    check_option(1.0 < smallest < float("inf"), "--smallest", f"must be a finite ratio above 1, not {smallest:g}")
     if versions:
         refuse(context, ("out",), "is for runs; a comparison of versions prints its result")
         raise typer.Exit(_compare_versions(runs, problem_set, seed, smallest, fail_on, as_json))
     refuse(context, ("problem_set", "seed"), "needs --versions")
     check_option(len(runs) >= 2, "RUN", "a comparison needs two runs or more")
+    if out is not None:
+        check_apart(out, "--out", runs)
     opened = [open_run(path) for path in runs]
     with progress_bar("comparing"):
         compared = compare_runs(opened, smallest)

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from bench.export.settings import ExportError
+from piezo_model.atomic_file import write_text
 
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
 EXACT = ("-ffp-contract=off",)
@@ -31,7 +32,7 @@ def write_files(folder: Path, files: Mapping[str, str]) -> None:
     """Write text files into an existing folder and its subfolders."""
     for name, text in files.items():
         (folder / name).parent.mkdir(exist_ok=True)
-        (folder / name).write_text(text, encoding="utf-8")
+        write_text(folder / name, text)
 
 
 def write_folder(target: Path, files: Mapping[str, str]) -> None:

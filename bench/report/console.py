@@ -21,12 +21,18 @@ if TYPE_CHECKING:
     from bench.report.report import Report
 
 
+COLUMNS, LINES = 100, 40
+"""Size of the first screen."""
+
+
 class PlainConsole(Console):
     """Shows text as it is: names and units such as [um] come from users' files and are neither markup nor control
     sequences."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(highlight=False, markup=False, emoji=False, **options)
+        if not self.width:  # COLUMNS=0 in the environment, which means that it is unknown
+            self.width = COLUMNS
 
     def render_str(self, text: str, **options: Any) -> Text:
         """Called for every printed string, including the cells of tables."""
@@ -35,8 +41,6 @@ class PlainConsole(Console):
 
 console = PlainConsole(soft_wrap=True)
 errors = PlainConsole(stderr=True)
-COLUMNS, LINES = 100, 40
-"""Size of the first screen."""
 AROUND, FEWEST_ROWS = 5, 10
 """Lines of the first screen around the table, and smallest number of rows of the table."""
 

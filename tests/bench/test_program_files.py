@@ -130,21 +130,24 @@ def test_a_compressed_program_that_is_damaged_or_endless_is_refused(
     assert read(path).qp.q.size == 4
 
 
-def test_names_may_contain_blanks_in_fixed_columns(tmp_path: Path) -> None:
+@pytest.mark.parametrize("encoding", ["utf-8", "latin-1"])
+def test_names_may_contain_blanks_in_fixed_columns(tmp_path: Path, encoding: str) -> None:
     lines = [
         "NAME",
         "ROWS",
         " N  THE COST",
-        " L  ROW 1",
+        " L  ROW µµ",
         "COLUMNS",
-        "    COL 1     THE COST  -1.0           ROW 1     2.0",
+        "    COL 1     THE COST  -1.0           ROW µµ    2.0",
         "RHS",
-        "    RHS       ROW 1     3.0",
+        "    RHS       ROW µµ    3.0",
         "QUADOBJ",
         "    COL 1     COL 1     4.0",
         "ENDATA",
     ]
-    found = read(qps(tmp_path, "\n".join(lines))).qp
+    path = tmp_path / "named.qps"
+    path.write_text("\n".join(lines), encoding)
+    found = read(path).qp
     assert [dense(array).item() for array in (found.q, found.G, found.h, found.P)] == [-1.0, 2.0, 3.0, 4.0]
 
 

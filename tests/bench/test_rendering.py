@@ -84,6 +84,11 @@ def test_hostile_text_reaches_a_terminal_as_text(monkeypatch: pytest.MonkeyPatch
     assert all(sign.isprintable() or sign == "\n" for sign in text)
 
 
+def test_a_terminal_that_says_that_it_is_0_columns_wide_is_of_unknown_width(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "0")
+    assert PlainConsole(force_terminal=True).width == 100
+
+
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8"])
 def test_a_terminal_that_lacks_characters_is_no_reason_to_fail(

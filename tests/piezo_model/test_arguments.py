@@ -224,8 +224,9 @@ WRONG_FOR_A_BANK: dict[str, tuple[Callable[[], Any], str]] = {
 
 WRONG_SETTINGS: dict[str, tuple[Callable[[], Any], str]] = {
     "one creep rate": (lambda: equidistant(creep_rates=10.0), r"creep_rates must be a vector, such as \[1.0, 2.0\]"),
-    "orders": (lambda: equidistant(n=5.0), "n must be a whole number of at least 0, not 5.0"),
-    "a truth value as order": (lambda: equidistant(m=True), "m must be a whole number of at least 0, not True"),
+    "orders": (lambda: equidistant(n=5.0), "n must be a whole number from 0 to 1000, not 5.0"),
+    "a truth value as order": (lambda: equidistant(m=True), "m must be a whole number from 0 to 1000, not True"),
+    "an order without bound": (lambda: equidistant(n=10**9), "n must be a whole number from 0 to 1000, not 10"),
     "a range of one number": (lambda: equidistant(x_range=150.0), "x_range must be two finite numbers in ascending"),
     "a range of three": (lambda: equidistant(y_range=(0, 1, 2)), "y_range must be two finite numbers that differ"),
     "a word for a time": (lambda: equidistant(sample_time="1 ms"), "sample_time must be from .*, not '1 ms'"),

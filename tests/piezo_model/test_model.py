@@ -323,7 +323,7 @@ def test_a_descending_output_range_gives_the_structure_of_the_reversed_output() 
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({"n": -1}, "n must be a whole number of at least 0, not -1"),
+        ({"n": -1}, "n must be a whole number from 0 to 1000, not -1"),
         ({"x_range": (1.0, 1.0)}, r"x_range must be two finite numbers in ascending order, not \(1.0, 1.0\)"),
         ({"y_range": (0.0, math.nan)}, "y_range must be two finite numbers"),
         ({"y_range": (2.0, 2.0)}, r"y_range must be two finite numbers that differ, not \(2.0, 2.0\)"),
