@@ -165,10 +165,10 @@ def realtime_verb(
     ]
     print_result(
         result.to_dict(),
-        lines,
         as_json,
         (("µs", *(Percentile(q).name for q in QUANTILES), "max"), times, 1),
         (("up to, µs", *counts), octaves, 1),
+        *lines,
     )
 
 

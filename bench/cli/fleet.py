@@ -87,8 +87,8 @@ def process(
             "rows": table.to_dict("records"),
             "not_of_this_run": others,
         },
-        lines,
         as_json,
+        *lines,
     )
     if len(refused):
         raise RecordingError(

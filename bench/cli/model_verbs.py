@@ -164,9 +164,9 @@ def identify_verb(
     ]
     print_result(
         {"model": out, "page": page, "report": dict(model.report)},
-        lines,
         as_json,
-        *([(CANDIDATES, candidates, 0)] if selection else []),
+        (CANDIDATES, candidates, 0) if selection else "",
+        *lines,
     )
 
 
@@ -203,7 +203,7 @@ def validate_verb(
     if page is not None:
         recording_page.write(page, Path(opened.name).name, review(opened, loaded, result))
     lines = [opened.describe(), *result.sentences(), f"Page: {page}" if page else ""]
-    print_result({"model": model, "page": page, **result.to_dict()}, lines, as_json)
+    print_result({"model": model, "page": page, **result.to_dict()}, as_json, *lines)
 
 
 @grouped(
@@ -258,8 +258,8 @@ def simulate_verb(
             "units": signal.units,
             "forced": loaded.warning,
         },
-        lines,
         as_json,
+        *lines,
     )
 
 
@@ -341,4 +341,4 @@ def compensate_verb(
         ),
         f"Drive: {out}",
     ]
-    print_result({"drive": out, **result}, lines, as_json)
+    print_result({"drive": out, **result}, as_json, *lines)

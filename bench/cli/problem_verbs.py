@@ -86,7 +86,7 @@ def problems_verb(
             for name, cls in all_sets().items()
         ]
         of_sets = ("set", "problems", "what it is for")
-        print_result(by_heading(of_sets, sets), [], as_json, (of_sets, sets, 3))
+        print_result(by_heading(of_sets, sets), as_json, (of_sets, sets, 3))
         return
     if source is not None:
         refuse(context, ("seed", *OPTIONS), "is for generated problems, and those in the folder --from already exist")
@@ -124,9 +124,9 @@ def problems_verb(
             "test_sets": test_sets,
             "failures": failures,
         },
-        lines,
         as_json,
         (headings, rows, 2),
+        *lines,
     )
     check(rows, f"there is no certified problem in {source or problem_set}", ProblemSetError)
     more = f" and {len(failures) - 1} more" if len(failures) > 1 else ""
@@ -188,7 +188,7 @@ def certify_verb(
         write_text(out, json.dumps(proof))
     if program.sense < 0.0:
         proof["objective"] = {"sense": "max", "value": str(-Fraction(proof["optimum"]["value"]))}
-    print_result(proof, [*_sentences(proof), f"Certificate: {out}" if out else ""], as_json)
+    print_result(proof, as_json, *_sentences(proof), f"Certificate: {out}" if out else "")
 
 
 def certified(qp: Problem, constant: float, answer: Vector | None, work: float) -> dict[str, Any]:

@@ -252,7 +252,7 @@ def solvers_verb(as_json: AsJson = False) -> None:
             )
     headings = ("solver", "lane", "algorithm", "version", "licence", "warm start")
     ours = f"Ours, written for this project: {', '.join(sorted(OURS.intersection(row[0] for row in rows)))}."
-    print_result(by_heading(headings, rows), [ours], as_json, (headings, rows, 6))
+    print_result(by_heading(headings, rows), as_json, (headings, rows, 6), ours)
 
 
 @contextmanager

@@ -9,7 +9,7 @@ import numpy as np
 import typer
 
 from bench.cli.options import AsJson, check_option, check_writable, positive, reads_a_recording, recording_of
-from bench.report.console import console, print_result
+from bench.report.console import print_result
 from piezo_model import checks, signals
 from piezo_model.recordings import Recording, RecordingError, opening, write_table
 from piezo_model.recordings.options import ReadOptions
@@ -59,7 +59,7 @@ def excite_verb(
         from bench.report import recording_page  # plots take a second to import
 
         recording_page.write_drive(page, times, drive, unit, lines[:2])
-    print_result({"drive": out, "page": page, "samples": drive.size, "steepest_per_s": fastest}, lines, as_json)
+    print_result({"drive": out, "page": page, "samples": drive.size, "steepest_per_s": fastest}, as_json, *lines)
 
 
 def _limits(text: str) -> tuple[float, float]:
@@ -93,8 +93,6 @@ def inspect_verb(
     except RecordingError as error:
         refused = error
     columns = _columns(table, opened)
-    if not as_json:
-        console.print(opened.describe() if opened else f"{table.path}: {table.form}")
     print_result(
         {
             "file": table.path,
@@ -115,8 +113,8 @@ def inspect_verb(
                 }
             ),
         },
-        [],
         as_json,
+        opened.describe() if opened else f"{table.path}: {table.form}",
         (
             ("column", "name", "unit", "from", "to", "role"),
             [

@@ -39,7 +39,7 @@ def verify_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")],
         f"{verified.rows} rows: {verified.first} first and {verified.timed} timed answers were judged again against "
         f"{verified.proofs} replayed proofs, and all give the stored gaps, violations and errors of the model."
     ]
-    print_result(vars(verified), lines, as_json)
+    print_result(vars(verified), as_json, *lines)
 
 
 def compare_verb(
@@ -128,7 +128,7 @@ def _compare_versions(
         f"Largest error of a first answer: {b} {result.gap[1]:.1e}, {a} {result.gap[0]:.1e}.",
         f"{b} is less accurate than {a}." if result.less_accurate else "",
     ]
-    print_result({**vars(result), "less_accurate": result.less_accurate}, lines, as_json)
+    print_result({**vars(result), "less_accurate": result.less_accurate}, as_json, *lines)
     if result.finding == SLOWER or result.less_accurate or (fail_on == "difference" and result.finding == FASTER):
         return FAILED if fail_on != "nothing" else 0
     return UNDECIDED if fail_on != "nothing" and result.finding not in verdicts else 0
@@ -240,6 +240,6 @@ def deploy_verb(
             "runners_up": [candidate.metrics() for candidate in decided.runners_up],
             "refused": [{**candidate.metrics(), "why": why} for candidate, why in decided.refused],
         },
-        lines,
         as_json,
+        *lines,
     )

@@ -237,7 +237,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class ChildSettings:
-    """Limits of a solver's process, and the modules that it imports before its solver."""
+    """Limits of a solver's process."""
 
     time_limit_s: float = 20.0
     """Time limit of each request, everything included."""
@@ -245,8 +245,6 @@ class ChildSettings:
     """Memory that it may allocate once its solver is loaded."""
     hidden: tuple[str, ...] = ()
     """Folders whose files it must not open."""
-    preload: tuple[str, ...] = ()
-    """Modules that its requests need."""
 
 
 class Request(ABC):

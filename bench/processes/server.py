@@ -23,22 +23,28 @@ THREAD_VARIABLES = (
     "VECLIB_MAXIMUM_THREADS",
     "NUMEXPR_NUM_THREADS",
 )
-PRELOADED = ("bench.processes.child_process", "bench.processes.worker", "bench.problems.foreign", "solvers.core")
+PRELOADED = (
+    "bench.processes.child_process",
+    "bench.processes.worker",
+    "bench.problems.foreign",
+    "bench.races.worker",
+    "solvers.core",
+)
 """Modules that the server always imports; it ignores missing ones."""
 
 
 _starting = threading.Lock()
 
 
-def warm_up(entries: Iterable[Entry] = (), modules: Iterable[str] = ()) -> None:
-    """Start the server, which imports these modules and those that the lanes of these solvers need.
+def warm_up(entries: Iterable[Entry] = ()) -> None:
+    """Start the server, which imports what the lanes of these solvers need, too.
 
     It imports for a second or two in the background; a server that is already running is left unchanged. RaceError if
     the path of its socket is too long.
     """
     os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
     lanes = {f"solvers.{entry.lane}_lane" for entry in entries if entry.lane in FAMILIES}
-    forkserver.set_forkserver_preload([*PRELOADED, *modules, *lanes])
+    forkserver.set_forkserver_preload([*PRELOADED, *lanes])
     # the server, and nothing else that this program starts, imports from where this program does
     own = {"PYTHONSAFEPATH": "1", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     with _starting:

@@ -100,7 +100,7 @@ class SolverPool(ExitStack):
     def __init__(self, entries: Sequence[Entry], settings: ChildSettings, core: int | None = None) -> None:
         super().__init__()
         self.entries, self.settings, self.core = tuple(entries), settings, core
-        warm_up(entries, settings.preload)
+        warm_up(entries)
         self._start(repeat=0)
 
     def _start(self, repeat: int) -> None:

@@ -12,7 +12,6 @@ and every folder that it lists; it does not see what compiled code does.
 import os
 import sys
 from collections.abc import Sequence
-from importlib import import_module
 
 from bench.messages.task import ChildSettings, Outcome, Request, attempt
 from bench.processes.child_process import limit_memory
@@ -55,8 +54,6 @@ def install_audit_hook(folders: Sequence[str]) -> None:
 
 def load(entry: Entry, settings: ChildSettings, core: int | None) -> Described:
     """Load and describe the solver of this process; from then on the limits hold and the process is watched."""
-    for name in settings.preload:
-        import_module(name)
     install_audit_hook(settings.hidden)
     try:
         description = describe(entry)

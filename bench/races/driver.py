@@ -8,52 +8,58 @@ parts of a pass may be done in any order, and the next pass follows from the row
 from contextlib import ExitStack
 from functools import partial
 
-from bench.messages.task import Task
+from bench.messages import user_cache
+from bench.messages.task import ChildSettings, Progress, Task
 from bench.processes import engine, sentinel
 from bench.processes.solver_child import SolverPool
-from bench.races.lanes import lanes_here
-from bench.races.race import Race
+from bench.races import null_solver
+from bench.races.lanes import checked, lanes_here
+from bench.races.race import passes
+from bench.races.run_problems import problems_of, save_certificates
+from bench.races.settings import RaceSettings
+from bench.store import Run
 from bench.timing import cores, machine
 from piezo_model.atomic_file import replacing
 
 
-def run_tasks(race: Race, workers: engine.Workers) -> None:
-    """Do the tasks that are not done yet."""
-    run, progress, done, total = race.run, race.progress, 0, 0
+def run_tasks(run: Run, settings: RaceSettings, progress: Progress, workers: engine.Workers) -> None:
+    """Do the tasks that are not done yet; the certificates, which solvers must not see, are saved at the end."""
+    done, total = 0, 0
 
     def tell(task: Task) -> None:
         nonlocal done
         progress(str(task), done, total)
         done += 1
 
-    entries = race.entries
+    entries = (null_solver.ENTRY, *checked(settings))
+    hidden = (str(run.path.resolve()), str(user_cache.folder()))
+    limits, core = ChildSettings(settings.time_limit_s, settings.memory_mb, hidden), None
     with ExitStack() as resources:
-        race.prepare()
-        settings, core = race.child, None
+        problems = list(problems_of(run, settings, progress))
         if workers.is_single:
             core = resources.enter_context(cores.claim()).number
-        pool = resources.enter_context(SolverPool(entries, settings, core))
+        pool = resources.enter_context(SolverPool(entries, limits, core))
         lanes = lanes_here(run, pool)
         if not workers.is_single:
             pool.close()
         map_unordered = resources.enter_context(engine.started(workers))
-        for parts in race.passes(lanes):
+        for parts in passes(run, settings, lanes, problems):
             total += sum(len(part.tasks) for part in parts)
             if workers.is_single:
                 for part in parts:
                     part.do(pool, tell)
             else:
-                function = partial(engine.work, entries=entries, settings=settings)
+                function = partial(engine.work, entries=entries, settings=limits)
                 for part in map_unordered(function, parts):
                     for task in part.tasks:
                         tell(task)
-    race.finish()
-    note_conditions(race)
+    save_certificates(run, problems)
+    note_conditions(run)
 
 
-def note_conditions(race: Race) -> None:
+def note_conditions(run: Run) -> None:
     """Save the condition of the machine during the race, with warnings about less certain times."""
-    run, notes = race.run, [part.notes for part in race.run.parts() if part.notes is not None]
+    notes = [part.notes for part in run.parts() if part.notes is not None]
     samples = sentinel.table(notes)
     with replacing(run.path / "sentinel.parquet") as temporary:
         samples.to_parquet(temporary, index=False)

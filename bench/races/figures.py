@@ -38,7 +38,7 @@ def figures(measurements: Measurements, summary: pd.DataFrame) -> list[Figure]:
                     Axis("answer_us", "time for one answer: update and solve, µs", log=True, domain=times),
                     Axis("drawn", "worst relative gap", log=True, format=".0e", domain=gaps),
                     (
-                        *best_lines(points=True, along="rung"),
+                        *best_lines("rung"),
                         Mark("hollow", where={"is_default": [True], "front": [True]}, colour=INK, size=110.0),
                         Mark("text", "name", where={"end": [True], "front": [True]}),
                     ),
@@ -75,7 +75,7 @@ def figures(measurements: Measurements, summary: pd.DataFrame) -> list[Figure]:
                 Plot(
                     Axis("d", "unknowns d", log=True, values=sorted(set(sizes.d.tolist()))),
                     Axis("time_us", "time for one answer, µs (update and solve)", log=True),
-                    best_lines(points=True, along="d"),
+                    best_lines("d"),
                     ("name", "d", "time_us", "problems"),
                     rules={"y": measurements.shortest_period_us},
                 )

@@ -2,7 +2,6 @@
 
 import os
 import re
-from collections.abc import Iterable
 
 from bench.messages.task import RaceError
 from bench.problems import ProblemSetError, check_options, make
@@ -14,10 +13,9 @@ from bench.store import Run
 from solvers import Described, Entry, entries
 
 
-def chosen(settings: RaceSettings, preload: Iterable[str] = ()) -> list[Entry]:
+def chosen(settings: RaceSettings) -> list[Entry]:
     """The entries selected by name and lane, and those of the user's files, each of which is loaded in a separate
-    process; ``preload`` are modules that the processes of solvers need.
-    """
+    process."""
     known = list(entries())
     names = {entry.name for entry in known}
     unknown = sorted(set(settings.solvers) - names)
@@ -28,7 +26,7 @@ def chosen(settings: RaceSettings, preload: Iterable[str] = ()) -> list[Entry]:
         for entry in known
         if entry.lane in settings.lanes and (not settings.solvers or entry.name in settings.solvers)
     ]
-    warm_up(selected, preload)
+    warm_up(selected)
     for path in settings.solver_files:
         entry = entry_of_file(path)
         if not re.fullmatch(r"\w[\w.+-]*", entry.name):  # it becomes part of file names
@@ -45,7 +43,7 @@ def chosen(settings: RaceSettings, preload: Iterable[str] = ()) -> list[Entry]:
     return selected
 
 
-def checked(settings: RaceSettings, preload: Iterable[str] = ()) -> list[Entry]:
+def checked(settings: RaceSettings) -> list[Entry]:
     """The solvers selected by the settings; RaceError, RunError or ProblemSetError if the race cannot be run."""
     check_options(settings.problem_sets, settings.set_options)
     sets = [make(problem_set, settings.seed, settings.set_options) for problem_set in settings.problem_sets]
@@ -60,7 +58,7 @@ def checked(settings: RaceSettings, preload: Iterable[str] = ()) -> list[Entry]:
         if missing := [name for name in settings.problems if name not in known]:
             listed = "; ".join(f"{set_name}: {', '.join(of_set)}" for set_name, of_set in names.items())
             raise ProblemSetError(f"there is no problem {missing[0]!r} in these sets; {listed}")
-    selected = chosen(settings, preload)
+    selected = chosen(settings)
     for name in settings.given.keys() - {entry.name for entry in selected}:
         raise RaceError(f"settings are given for {name!r}, which does not race")
     return selected

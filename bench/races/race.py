@@ -19,22 +19,10 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any
 
-from bench.messages import user_cache
-from bench.messages.task import (
-    NO_SETTING,
-    PAPER,
-    ChildSettings,
-    Progress,
-    Setting,
-    Task,
-    default_setting,
-    settings_ladder,
-)
+from bench.messages.task import NO_SETTING, PAPER, Setting, Task, default_setting, settings_ladder
 from bench.problems.protocol import RaceProblem
 from bench.races import null_solver
-from bench.races.lanes import checked
 from bench.races.passes import Part, second_pass
-from bench.races.run_problems import problems_of, save_certificates
 from bench.races.settings import RaceSettings
 from bench.store import Run
 from piezo_model.identification_problem import Scaling
@@ -46,58 +34,36 @@ EXPONENT = 8.0
 """Exponent of the cost gap at which wrappers are compared."""
 FEWEST_PROVEN, PROVEN = 3, 24
 """Most timed answers of a task that are judged in exact arithmetic: this many, or as many over all problems."""
-PRELOAD = ("bench.races.worker",)
-"""Modules that requests need in a solver's process."""
 
 
-class Race:
-    """Two passes over the problems of a run, each divided by problem, scaling and repeat."""
+def passes(
+    run: Run, settings: RaceSettings, lanes: Sequence[Described], problems: Sequence[RaceProblem]
+) -> Iterator[Sequence[Part]]:
+    """The first pass and the second over the problems of a run, each divided by problem, scaling and repeat; each part
+    begins with the null solver. A pass is requested when the one before is done."""
 
-    def __init__(self, run: Run, settings: RaceSettings, progress: Progress) -> None:
-        self.run, self.settings, self.progress = run, settings, progress
-        self.entries = (null_solver.ENTRY, *checked(settings, PRELOAD))
+    def tasks(problem: RaceProblem, scaling: Scaling, repeat: int) -> Iterator[Task]:
+        of_problem, nothing = (problem.set_name, problem.name, scaling), null_solver.ENTRY
+        yield Task(*of_problem, nothing.name, nothing.lane, NO_SETTING, repeat=repeat, d=problem.d)
+        yield from tasks_of(settings, lanes, problem, scaling, repeat)
 
-    @property
-    def child(self) -> ChildSettings:
-        """Limits of a solver's process, from which the certificates are hidden."""
-        hidden = (str(self.run.path.resolve()), str(user_cache.folder()))
-        return ChildSettings(self.settings.time_limit_s, self.settings.memory_mb, hidden, PRELOAD)
-
-    def prepare(self) -> None:
-        """Generate or load the problems."""
-        self.problems = list(problems_of(self.run, self.settings, self.progress))
-
-    def passes(self, lanes: Sequence[Described]) -> Iterator[Sequence[Part]]:
-        """The first pass and the second; each part begins with the null solver. A pass is requested when the one
-        before is done."""
-        settings, nothing = self.settings, null_solver.ENTRY
-
-        def tasks(problem: RaceProblem, scaling: Scaling, repeat: int) -> Iterator[Task]:
-            of_problem = problem.set_name, problem.name, scaling
-            yield Task(*of_problem, nothing.name, nothing.lane, NO_SETTING, repeat=repeat, d=problem.d)
-            yield from tasks_of(settings, lanes, problem, scaling, repeat)
-
-        first = [
-            Part(
-                self.run.path.resolve(),
-                f"{problem.set_name}--{problem.name}--{scaling}--{repeat}",
-                tuple(tasks(problem, scaling, repeat)),
-                repeat,
-                settings,
-                problem,
-                scaling,
-                max(FEWEST_PROVEN, math.ceil(PROVEN / len(self.problems))),
-            )
-            for repeat in range(settings.repeats)
-            for problem in self.problems
-            for scaling in settings.scalings
-        ]
-        yield first
-        yield [*second_pass(self.run, settings, lanes, first)]
-
-    def finish(self) -> None:
-        """Save the certificates, which solvers must not see."""
-        save_certificates(self.run, self.problems)
+    first = [
+        Part(
+            run.path.resolve(),
+            f"{problem.set_name}--{problem.name}--{scaling}--{repeat}",
+            tuple(tasks(problem, scaling, repeat)),
+            repeat,
+            settings,
+            problem,
+            scaling,
+            max(FEWEST_PROVEN, math.ceil(PROVEN / len(problems))),
+        )
+        for repeat in range(settings.repeats)
+        for problem in problems
+        for scaling in settings.scalings
+    ]
+    yield first
+    yield [*second_pass(run, settings, lanes, first)]
 
 
 def tasks_of(

@@ -8,7 +8,6 @@ from bench.messages.task import Progress
 from bench.processes.engine import Workers
 from bench.races.driver import run_tasks
 from bench.races.lanes import checked
-from bench.races.race import PRELOAD, Race
 from bench.races.report import report
 from bench.races.run_problems import left_out
 from bench.races.settings import RaceSettings
@@ -39,7 +38,7 @@ def open_run(path: Path) -> Run:
 
 def start(results: Path, settings: RaceSettings, name: str) -> Run:
     """Create the folder of a run; RaceError, RunError or ProblemSetError if the race cannot be run."""
-    checked(settings, PRELOAD)
+    checked(settings)
     return Run.create(results, {"settings": asdict(settings)}, name)
 
 
@@ -47,7 +46,7 @@ def carry_on(run: Run, progress: Progress, workers: Workers) -> None:
     """Do the tasks that are not done yet, and gather the tables."""
     workers.check()
     with run.exclusive():
-        run_tasks(Race(run, settings_of(run), progress), workers)
+        run_tasks(run, settings_of(run), progress, workers)
         progress("gathering the tables", 0, 1)
         run.finish()
 

@@ -25,6 +25,10 @@ COLUMNS, LINES = 100, 40
 """Size of the first screen."""
 
 
+Rows = tuple[Any, ...]
+"""Arguments of :func:`print_table`."""
+
+
 class PlainConsole(Console):
     """Shows text as it is: names and units such as [um] come from users' files and are neither markup nor control
     sequences."""
@@ -83,46 +87,30 @@ def print_table(
     (console if console.is_terminal else PlainConsole(width=width)).print(table)
 
 
-def print_result(
-    document: Any,
-    lines: Iterable[str],
-    as_json: bool,
-    *tables: tuple[Sequence[str], Sequence[Sequence[str]], int],
-) -> None:
-    """Print the result of a verb: a JSON document, or tables, as of :func:`print_table`, and the lines that are not
-    empty."""
+def print_result(document: Any, as_json: bool, *parts: str | Rows) -> None:
+    """Print the result of a verb: a JSON document, where null is an unknown number, or sentences and tables in this
+    order, those that are empty left out."""
     if as_json:
-        print_json(document)
+        print(json.dumps(plain_json(document), indent=1, allow_nan=False))
         return
-    for table in tables:
-        print_table(*table)
-    for line in filter(None, lines):
-        console.print(line)
+    for part in filter(None, parts):
+        if isinstance(part, str):
+            console.print(part)
+        else:
+            print_table(*part)
 
 
-def print_report(
-    report: Report, document: Any, as_json: bool, below: Sequence[str] = (), files: Sequence[str] = ()
-) -> None:
+def print_report(report: Report, document: Any, as_json: bool, below: Sequence[str], files: Sequence[str]) -> None:
     """Print a JSON document, or the first screen of a report: the verdict, the rows of the short table that fit, the
     lines below, and lines that name its files."""
-    if as_json:
-        print_json(document)
-        return
     lines, shown = lines_of(report.verdict), report.terminal or report.table
+    parts: list[str | Rows] = []
     if shown is not None and shown.rows:
         lines += ["", *lines_of([f"{shown.title}. {shown.note}" if shown.note else f"{shown.title}:"])]
-    console.print("\n".join(lines))
-    if shown is not None and shown.rows:
         rows = shown.rows[: max(LINES - len(lines) - len(below) - AROUND, FEWEST_ROWS)]
-        print_table(shown.headings, rows, left_aligned=shown.left_aligned, width=COLUMNS)
-        if (more := len((report.table or shown).rows) - len(rows)) > 0:
-            console.print(f"{more} more rows are on the page.")
-    console.print("\n".join([*below, *files]))
-
-
-def print_json(value: Any) -> None:
-    """Print a JSON document; null is an unknown number."""
-    print(json.dumps(plain_json(value), indent=1, allow_nan=False))
+        more = len((report.table or shown).rows) - len(rows)
+        parts = [(shown.headings, rows, shown.left_aligned, COLUMNS), f"{more} more rows are on the page." * (more > 0)]
+    print_result(document, as_json, "\n".join(lines), *parts, "\n".join([*below, *files]))
 
 
 def plain_json(value: Any) -> Any:

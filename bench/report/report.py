@@ -90,19 +90,16 @@ class Plot:
     """The rows of the table to draw."""
 
 
-def best_lines(kind: Literal["line", "step"] = "line", points: bool = False, along: str = "") -> tuple[Mark, ...]:
-    """Many lines: the best in colour with names, the others grey, and those highlighted whose name the reader types."""
-    dots = (
-        (Mark("point", colour=GREY, size=12.0, opacity=0.35), Mark("point", "name", where={"front": [True]}, size=40.0))
-        if points
-        else ()
-    )
+def best_lines(along: str) -> tuple[Mark, ...]:
+    """Many lines with points, ordered by a column: the best in colour with names, the others grey, and those
+    highlighted whose name the reader types."""
+    best: Where = {"front": [True]}
     return (
-        Mark(kind, colour=GREY, size=1.0, opacity=0.35, along=along),
-        *dots[:1],
-        Mark(kind, "name", where={"front": [True]}, along=along),
-        *dots[1:],
-        Mark(kind, sought=True, colour=INK, size=3.5, along=along),
+        Mark("line", colour=GREY, size=1.0, opacity=0.35, along=along),
+        Mark("point", colour=GREY, size=12.0, opacity=0.35),
+        Mark("line", "name", where=best, along=along),
+        Mark("point", "name", where=best, size=40.0),
+        Mark("line", sought=True, colour=INK, size=3.5, along=along),
     )
 
 

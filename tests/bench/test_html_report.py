@@ -219,7 +219,7 @@ def test_the_best_lines_of_a_crowd_have_names_and_colours_that_differ_and_the_ot
             for x in (1, 2, 3)
         ]
     )
-    figure = Figure("crowd", "Crowd", "Many lines.", table, [Plot(Axis("x", "x"), Axis("y", "y"), best_lines())])
+    figure = Figure("crowd", "Crowd", "Many lines.", table, [Plot(Axis("x", "x"), Axis("y", "y"), best_lines("x"))])
     browser.open(write_page(Report(["Lines."], figures=[figure], title="Crowd"), tmp_path / "page.html"))
     assert browser.console() == []
     assert (

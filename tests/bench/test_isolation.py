@@ -18,7 +18,6 @@ from bench.problems.protocol import CertifiedForm
 from bench.processes.solver_child import SolverChild, entry_of_file
 from bench.races.lanes import checked
 from bench.races.measuring import set_up
-from bench.races.race import PRELOAD
 from bench.races.settings import RaceSettings
 from bench.races.worker import SetUp
 from solvers.certificate import certify
@@ -231,6 +230,6 @@ def test_a_set_up_that_eats_the_time_limit_is_called_set_up(tmp_path: Path) -> N
     entry = entry_of_file(faulty_solvers.written(tmp_path, "prepares", "setup(self)", "time.sleep(1000)"))
     qp = Problem(np.eye(2), np.array([-1.0, 1.0]), lb=np.zeros(2), ub=np.ones(2))
     form = CertifiedForm(qp, 1.0, np.eye(2), certify(qp, np.zeros(2)))
-    with SolverChild(entry, ChildSettings(time_limit_s=0.5, preload=PRELOAD)) as child:
+    with SolverChild(entry, ChildSettings(time_limit_s=0.5)) as child:
         lost = set_up(child, Task("none", "none", "scaled", entry.name, entry.lane, NO_SETTING), form)
     assert (lost.failure, lost.message) == (Status.TIMED_OUT, "its set-up gave no answer within 0.5 s")
