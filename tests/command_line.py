@@ -29,9 +29,9 @@ signal.signal(signal.SIGINT, signal.default_int_handler)  # the tests themselves
 signal.signal(signal.SIGHUP, signal.SIG_DFL)  # or under nohup
 from bench.cli import prepare_streams
 from bench.cli.app import command_line, run
-from bench.problems import sets
+from bench.problems import make
 command_line()  # imports every verb
-next(sets()["paper"]().problems())  # loads modules that load at first use
+next(make("paper").problems())  # loads modules that load at first use
 run(["problems", "--set", "none"])  # and those that read words
 import pint, pyarrow.pandas_compat
 gc.freeze()

@@ -3,8 +3,6 @@
 
 import json
 import sys
-from collections import defaultdict
-from collections.abc import Iterator, Mapping
 from fractions import Fraction
 from itertools import islice
 from pathlib import Path
@@ -39,11 +37,9 @@ from solvers.exact.linear_algebra import WORK, OutOfWork, nearest_double
 HEADINGS = ("problem", "optimum", "point", "variables", "rows", "condition", "gaps are relative to", "proofs")
 SHOWN = 12
 """Most variables whose values are printed."""
-OPTIONS = {name: option for name, option in SET_OPTIONS.items() if name not in ("from_s", "to_s")}
-"""Options of the sets; ``--from`` is another one here."""
 
 
-@grouped("options", OPTIONS, set_options)
+@grouped("options", SET_OPTIONS, set_options)
 def problems_verb(
     context: typer.Context,
     options: dict[str, str],
@@ -51,10 +47,6 @@ def problems_verb(
         str | None, typer.Option("--set", metavar="SET", help="List the problems of this set.")
     ] = None,
     verify: Annotated[bool, typer.Option("--verify", help="Check every proof again in exact arithmetic.")] = False,
-    source: Annotated[
-        Path | None,
-        typer.Option("--from", metavar="FOLDER", help="Folder with saved problems, instead of making them."),
-    ] = None,
     export: Annotated[
         Path | None,
         typer.Option(
@@ -69,12 +61,8 @@ def problems_verb(
 
     It can also check every proof again and write the problems to files.
     """
-    if problem_set is None and source is None:
-        refuse(
-            context,
-            ("verify", "export", "limit", "seed", *OPTIONS),
-            "needs problems; name a --set, or a folder with --from",
-        )
+    if problem_set is None:
+        refuse(context, ("verify", "export", "limit", "seed", *SET_OPTIONS), "needs problems; name a --set")
         sets = [
             (
                 name,
@@ -88,27 +76,23 @@ def problems_verb(
         of_sets = ("set", "problems", "what it is for")
         print_result(by_heading(of_sets, sets), as_json, (of_sets, sets, 3))
         return
-    if source is not None:
-        refuse(context, ("seed", *OPTIONS), "is for generated problems, and those in the folder --from already exist")
-    elif problem_set is not None:
-        check_options([problem_set], options)
-    problems, left_out, total = _problems(problem_set, source, seed, options)
+    check_options([problem_set], options)
+    made = make(problem_set, seed, options)
+    total, left_out = len(made.names()), made.left_out
     if export is not None:
         export.mkdir(parents=True, exist_ok=True)
-    rows, failures, exported = list[tuple[str, ...]](), list[str](), defaultdict[str, list[bool]](list)
+    rows, failures, sparse = list[tuple[str, ...]](), list[str](), False
     with progress_bar() as progress:
-        for done, problem in enumerate(islice(problems, limit)):
-            name = f"{problem.set_name}/{problem.name}"
+        for done, problem in enumerate(islice(made.problems(), limit)):
+            name = f"{problem_set}/{problem.name}"
             progress(name, done, min(total, limit or total))
             wrong = problem.wrong_proofs() if verify else {}
             failures += [f"{name} ({scaling}): {why}" for scaling, why in wrong.items()]
             rows.append((*_described(problem), *(("; ".join(wrong.values()) or "holds",) if verify else ())))
             if export is not None:
-                problem.save(export / f"{problem.set_name}--{problem.name}.npz")
-                exported[problem.set_name].append(not isinstance(next(iter(problem.forms.values())).qp.P, np.ndarray))
-    test_sets = [
-        qpbenchmark_set.write_test_set(export, name, any(sparse)) for name, sparse in exported.items() if export
-    ]
+                problem.save(export / f"{problem_set}--{problem.name}.npz")
+                sparse |= not isinstance(next(iter(problem.forms.values())).qp.P, np.ndarray)
+    test_sets = [qpbenchmark_set.write_test_set(export, problem_set, sparse)] if export and rows else []
     headings, count = HEADINGS if verify else HEADINGS[:-1], len(rows) + len(left_out)
     lines = [f"Not certified and therefore not raced: {name}: {why}" for name, why in left_out.items()]
     lines += [f"Test set of qpbenchmark: {path}" for path in test_sets]
@@ -128,22 +112,9 @@ def problems_verb(
         (headings, rows, 2),
         *lines,
     )
-    check(rows, f"there is no certified problem in {source or problem_set}", ProblemSetError)
+    check(rows, f"there is no certified problem in {problem_set}", ProblemSetError)
     more = f" and {len(failures) - 1} more" if len(failures) > 1 else ""
     check(not failures, f"not every proof holds: {''.join(failures[:1])}{more}", ProblemSetError)
-
-
-def _problems(
-    problem_set: str | None, source: Path | None, seed: int, options: Mapping[str, str]
-) -> tuple[Iterator[RaceProblem], Mapping[str, str], int]:
-    """The problems, those left out with the reason (complete after the last problem), and the largest count."""
-    if source is None:
-        made = make(str(problem_set), seed, options)
-        return made.problems(), made.left_out, len(made.names())
-    check(source.is_dir(), f"{source}: is not a folder", ProblemSetError)
-    files = sorted(source.glob("*.npz"))
-    loaded = map(RaceProblem.load, files)
-    return (problem for problem in loaded if problem_set in (None, problem.set_name)), {}, len(files)
 
 
 def _described(problem: RaceProblem) -> tuple[str, ...]:

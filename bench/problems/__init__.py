@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from bench.problems.protocol import ProblemSet, ProblemSetError, RaceProblem
 from piezo_model.checks import check
 
-__all__ = ["ProblemSet", "ProblemSetError", "RaceProblem", "all_sets", "check_options", "find", "make", "sets"]
+__all__ = ["ProblemSet", "ProblemSetError", "RaceProblem", "all_sets", "check_options", "find", "make"]
 
 
 def all_sets() -> dict[str, type[ProblemSet]]:
@@ -17,11 +17,6 @@ def all_sets() -> dict[str, type[ProblemSet]]:
     classes = {cls for module in modules for cls in vars(module).values() if inspect.isclass(cls)}
     known = {cls.name: cls for cls in classes if issubclass(cls, ProblemSet) and hasattr(cls, "name")}
     return dict(sorted(known.items()))
-
-
-def sets() -> dict[str, type[ProblemSet]]:
-    """The problem sets that need only a seed, by name."""
-    return {name: cls for name, cls in all_sets().items() if not cls.needs}
 
 
 def find(name: str) -> type[ProblemSet]:

@@ -342,6 +342,7 @@ def test_a_set_whose_name_is_code_is_not_exported_as_a_test_set(
     with np.load(next((clean_race.run.path / "problems").glob("*.npz"))) as arrays:
         meta = json.dumps({**json.loads(str(arrays["meta"])), "set": name})
         np.savez(tmp_path / "from" / "p.npz", **{**arrays, "meta": np.array(meta)})
-    call = piezobench("problems", "--from", tmp_path / "from", "--export", tmp_path / "out")
-    assert re.search("p.npz.*the field 'set' is wrong", call.refusal)
+    call = piezobench("problems", "--set", "foreign", "--folder", tmp_path / "from", "--export", tmp_path / "out")
+    assert "there is no certified problem" in call.refusal
+    assert re.search("p.npz.*the field 'set' is wrong", call.stdout)
     assert not list((tmp_path / "out").iterdir())

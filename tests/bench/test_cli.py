@@ -18,7 +18,7 @@ from small_races import REFERENCE, Race
 from typer.main import get_command
 
 from bench.cli.app import VERBS, command_line, run
-from bench.problems import sets
+from bench.problems import all_sets
 from bench.timing import cores
 from piezo_model import plants
 from piezo_model.recordings import write_table
@@ -228,7 +228,7 @@ CORES = len(cores.usable())
             ["race", "--workers", 2, "--backend", "dask", "--scheduler", "tcp://here:1"],
             ["--workers is for this machine"],
         ),
-        (["problems", "--limit", 2], ["--limit: needs problems; name a --set, or a folder with --from"]),
+        (["problems", "--limit", 2], ["--limit: needs problems; name a --set"]),
         (
             ["problems", "--set", "paper", "--folder", "."],
             ["--folder is for the problem set foreign, and not for paper"],
@@ -237,7 +237,6 @@ CORES = len(cores.usable())
             ["problems", "--set", "paper", "--work", 1000000000.0],
             ["--work is for the problem set foreign or test_set, and not for paper"],
         ),
-        (["problems", "--from", ".", "--seed", 0], ["--seed: is for generated problems"]),
         (
             ["identify", "stage.csv", "--out", "other.json", "--workers", 2],
             ["--workers: is for many recordings, with --out-dir"],
@@ -404,9 +403,7 @@ CORES = len(cores.usable())
         (("problems", "--set", "foreign", "--folder", "nowhere"), ["nowhere: is not a folder"]),
         (("problems", "--set", "unheard"), ["there is no problem set 'unheard'; known are boxes, drift, "]),
         (("problems", "--set", "test_set", "--test-set", "empty.py"), ["has no class Empty"]),
-        (("problems", "--from", "nowhere"), ["nowhere: is not a folder"]),
         (("problems", "--verify"), ["needs problems; name a --set"]),
-        (("problems", "--verify", "--from", "foreign"), ["indefinite.npz: holds no array"]),
         # Drives for a recording.
         ((*EXCITE, "500", "--range", "0-100"), ["'0-100' is not two numbers in ascending order, such as 0:100"]),
         ((*EXCITE, "500", "--range", "9:1"), ["--range: '9:1' is not two numbers in ascending order"]),
@@ -567,8 +564,9 @@ def test_a_race_whose_limit_cut_a_set_says_how_to_race_all_and_one_on_named_prob
 
 def test_every_problem_set_is_listed_with_its_size_and_purpose(piezobench: CommandLine) -> None:
     listed = piezobench("problems").stdout
-    for name, made in sets().items():
-        assert re.search(rf"^{name} +{len(made().names())} +{re.escape(made.description)}", listed, re.MULTILINE)
+    for name, made in all_sets().items():
+        size = rf"needs --{'.*'.join(made.needs).replace('_', '-')}" if made.needs else len(made().names())
+        assert re.search(rf"^{name} +{size} +{re.escape(made.description)}", listed, re.MULTILINE)
 
 
 # From a recording to a drive.

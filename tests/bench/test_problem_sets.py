@@ -14,7 +14,7 @@ from measured_rows import judged
 from program_files import same_problem
 
 from bench.messages.task import Outcome, Status
-from bench.problems import ProblemSet, RaceProblem, all_sets, find, make, sets
+from bench.problems import ProblemSet, RaceProblem, all_sets, find, make
 from bench.problems.measured import FOLDER, read
 from bench.problems.protocol import SCALINGS, Scaling
 from bench.problems.recorded import ORDERS, WINDOWS, Recorded, preprocessed
@@ -228,10 +228,6 @@ def test_windows_that_are_too_short_are_left_out_with_the_reason(tmp_path: Path)
     assert made.left_out["n5-m3-tenth"] == "8 samples are too few for 13 weights"
 
 
-def test_sets_that_need_a_file_are_not_among_those_of_a_seed() -> None:
-    assert set(all_sets()) - set(sets()) == {"recorded", "foreign", "test_set"}
-
-
 def test_the_verb_lists_the_problems_of_a_set(piezobench: CommandLine, recording: Path) -> None:
     one = piezobench("problems", "--set", "recorded", "--recording", recording, "--input", "voltage_V", "--limit", 2)
     assert [line.split()[0] for line in one.stdout.splitlines()[1:]] == ["n5-m3-whole", "n5-m3-half"]
@@ -254,7 +250,7 @@ def paper() -> list[RaceProblem]:
     return list(islice(find("paper")(seed=0).problems(), 2))
 
 
-@pytest.fixture(scope="module", params=sorted(sets()))
+@pytest.fixture(scope="module", params=[name for name, made in all_sets().items() if not made.needs])
 def first(request: pytest.FixtureRequest, paper: list[RaceProblem]) -> RaceProblem:
     return paper[0] if request.param == "paper" else next(find(request.param)().problems())
 
