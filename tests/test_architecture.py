@@ -19,7 +19,7 @@ PACKAGES = ("bench", "piezo_model", "solvers")
 LEVELS = (
     {"solvers"},
     {"piezo_model"},
-    {"messages"},  # Task, Request, Outcome, Row
+    {"messages"},  # Task, Outcome, Row
     {"timing"},
     {"processes"},
     {"problem_files"},

@@ -13,8 +13,9 @@ import typer
 
 from bench.cli.options import SET_OPTIONS, AsJson, Seed, check_option, grouped, on_workers, set_options
 from bench.messages.task import RaceError
-from bench.problems import ProblemSetError
-from bench.processes import engine, server, solver_child
+from bench.problems import ProblemSetError, all_sets
+from bench.processes import engine
+from bench.processes.solver_child import STANDARD, SolverPool
 from bench.races.run_problems import left_out
 from bench.races.runs import carry_on, open_run, settings_of, start, write
 from bench.races.settings import RaceSettings
@@ -33,8 +34,6 @@ MOST_NAMED = 3
 """Most absent solver lanes that are named on the first screen."""
 FEW = 3
 """Default number of problems of each set, if neither sets nor files are named."""
-FILE_OF = {"recorded": "recording", "foreign": "folder", "test_set": "test_set"}
-"""Option with the files of a problem set; the option alone selects the set."""
 
 Scale = StrEnum("Scale", ["scaled", "raw"])
 """Scalings; typer takes a list of an enumeration but not of a ``Literal``."""
@@ -134,7 +133,7 @@ def race_verb(
     exit status is 1 if a solver of a file of your own fails, or errs by more than it states: 1e-9, or ten times what
     the exponent of its finest setting says if that is more.
     """
-    sets = problem_sets or [name for name, option in FILE_OF.items() if option in options]
+    sets = problem_sets or [name for name, made in all_sets().items() if not options.keys().isdisjoint(made.needs)]
     chosen: dict[str, Any] = {
         "problem_sets": sets,
         "problems": problems,
@@ -204,7 +203,6 @@ def resume_verb(
             console.print(f"{run} is finished already.")
         report_verb(run, as_json)
     else:
-        workers.check()
         used = settings_of(opened).code
         for file in sorted(used ^ {str(path.resolve()) for path in code or ()}):
             raise RunError(
@@ -229,15 +227,11 @@ def report_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")],
 
 def solvers_verb(as_json: AsJson = False) -> None:
     """List all solvers in all lanes, or why one is absent."""
-    known = list(entries())
-    server.warm_up(known)
-    children = [solver_child.SolverChild(entry) for entry in known]
     rows = []
-    with progress_bar() as progress:
-        for done, child in enumerate(children):
-            progress(child.entry.name, done, len(children))
-            with child:
-                info = child.describe()
+    with progress_bar() as progress, SolverPool(list(entries()), STANDARD) as pool:
+        for done, child in enumerate(pool.children.values()):
+            progress(child.entry.name, done, len(pool.children))
+            info = child.describe()
             rows.append(
                 (
                     info.name,

@@ -1,2 +1,1 @@
-"""Messages between the parts of a race: a task goes down to a solver as a request, an outcome comes back, and a row is
-saved."""
+"""Messages between the parts of a race: a task goes down to a solver, an outcome comes back, and a row is saved."""

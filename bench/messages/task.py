@@ -1,4 +1,4 @@
-"""Tasks, the requests that they become in a solver's process, the outcomes, and what is said of them: how a task ended,
+"""Tasks, their outcomes, and what is said of them: how a task ended,
 and the accuracy that an answer must reach.
 
 A task is the unit of work of a race: one problem, in one scaling, by one solver in one lane at one setting. The first
@@ -11,7 +11,6 @@ import hashlib
 import json
 import math
 import os
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -245,15 +244,6 @@ class ChildSettings:
     """Memory that it may allocate once its solver is loaded."""
     hidden: tuple[str, ...] = ()
     """Folders whose files it must not open."""
-
-
-class Request(ABC):
-    """A request to a child process, answered with the solver that it has loaded."""
-
-    @abstractmethod
-    def answer(self, cls: type[Solver], first: bool) -> Outcome:
-        """Answer the request; ``first`` is whether it is the first one of the process, before which nothing was
-        compiled, loaded or allocated. Exceptions become outcomes, see `attempt`."""
 
 
 def attempt(work: Callable[[], Outcome]) -> Outcome:

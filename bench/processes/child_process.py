@@ -1,9 +1,13 @@
 """Runs functions in a subprocess with a time limit.
 
-A child is forked from a server that has imported what it needs (see `server`). Its output goes to an unnamed file,
-whose last line is reported if it dies. It does not outlive its parent: when the other end of a pipe between them is
-closed, the kernel sends it SIGIO, which ends it in any state. It leads a process group of its own, so the same signal
-ends the processes that it has started.
+A child is forked from a server that has imported the modules that all children need, since libraries take long to
+import, with every thread pool limited to one thread; one of the modules is qpsolvers, which imports every library that
+it finds. Nothing is imported from the working folder, where a file ``queue.py`` or a folder ``solvers`` would come
+first.
+
+The output of a child goes to an unnamed file, whose last line is reported if it dies. It does not outlive its parent:
+when the other end of a pipe between them is closed, the kernel sends it SIGIO, which ends it in any state. It leads a
+process group of its own, so the same signal ends the processes that it has started.
 """
 
 import fcntl
@@ -13,15 +17,19 @@ import resource
 import signal
 import socket
 import struct
+import sys
 import tempfile
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
+from multiprocessing import forkserver
 from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
-from bench.processes.server import warm_up
+from bench.messages.task import RaceError
+from solvers.registry import FAMILIES, Entry
 
 T = TypeVar("T")
 
@@ -31,6 +39,27 @@ GRACE_S = 1.0
 """Time for a process to end by itself."""
 LAST_BYTES = 10_000
 """Length of the end of a child's output that is searched for its last line."""
+
+
+THREAD_VARIABLES = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "BLIS_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+    "NUMEXPR_NUM_THREADS",
+)
+PRELOADED = (
+    "bench.processes.child_process",
+    "bench.processes.worker",
+    "bench.problems.foreign",
+    "bench.races.worker",
+    "solvers.core",
+)
+"""Modules that the server always imports; it ignores missing ones."""
+
+
+_starting = threading.Lock()
 
 
 class LostError(Exception):
@@ -187,3 +216,32 @@ def limit_memory(megabytes: int) -> None:
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
     limit = pages * resource.getpagesize() + megabytes * 2**20
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+
+
+def warm_up(entries: Iterable[Entry] = ()) -> None:
+    """Start the server, which imports what the lanes of these solvers need, too.
+
+    It imports for a second or two in the background; a server that is already running is left unchanged. RaceError if
+    the path of its socket is too long.
+    """
+    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
+    lanes = {f"solvers.{entry.lane}_lane" for entry in entries if entry.lane in FAMILIES}
+    forkserver.set_forkserver_preload([*PRELOADED, *lanes])
+    # the server, and nothing else that this program starts, imports from where this program does
+    own = {"PYTHONSAFEPATH": "1", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    with _starting:
+        before = {name: os.environ.pop(name) for name in own if name in os.environ}
+        os.environ.update(own)
+        try:
+            forkserver.ensure_running()
+        except OSError as error:
+            if "AF_UNIX path too long" not in str(error):
+                raise
+            raise RaceError(
+                f"{tempfile.gettempdir()} has too long a name for the sockets of the solvers' processes; "
+                "set TMPDIR to another folder"
+            ) from None
+        finally:
+            for name in own:
+                del os.environ[name]
+            os.environ.update(before)

@@ -4,15 +4,15 @@ A solver that crashes, hangs or exhausts its memory affects only this process; t
 processes of a race on one core form a pool: one for each solver lane, and the sentinel.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
-from bench.messages.task import ChildSettings, Outcome, RaceError, Request
+from bench.messages.task import ChildSettings, Outcome, RaceError
 from bench.processes import worker
-from bench.processes.child_process import START_LIMIT_S, Child, LateError, LostError
+from bench.processes.child_process import START_LIMIT_S, Child, LateError, LostError, warm_up
 from bench.processes.sentinel import Sentinel
-from bench.processes.server import warm_up
 from solvers import Described, Entry, Lane
 
 STANDARD = ChildSettings()
@@ -63,8 +63,8 @@ class SolverChild(Child):
                 self.close()
         return self._described
 
-    def ask(self, request: Request) -> Outcome:
-        """The outcome of a request; a crash or a timeout of the process is an outcome, too."""
+    def ask(self, request: Callable[..., Outcome], *arguments: Any) -> Outcome:
+        """The outcome of a request, as of `worker.answer`; a crash or a timeout of the process is an outcome, too."""
         if not self.is_running:
             self._load()
         if absent := self.describe().absent:
@@ -73,7 +73,7 @@ class SolverChild(Child):
             self.kill()
             return Outcome("tampered", "its process answered before a request")
         try:
-            outcome = self.call(self.time_limit_s, worker.answer, request)
+            outcome = self.call(self.time_limit_s, worker.answer, request, arguments)
         except LateError as error:
             return Outcome("timed_out", str(error))
         except LostError as error:

@@ -11,9 +11,10 @@ and every folder that it lists; it does not see what compiled code does.
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
-from bench.messages.task import ChildSettings, Outcome, Request, attempt
+from bench.messages.task import ChildSettings, Outcome, attempt
 from bench.processes.child_process import limit_memory
 from solvers import Described, Entry, Solver, describe, from_file
 
@@ -67,10 +68,11 @@ def load(entry: Entry, settings: ChildSettings, core: int | None) -> Described:
     return description
 
 
-def answer(request: Request) -> Outcome:
-    """Answer a request with the solver that was loaded."""
+def answer(request: Callable[..., Outcome], arguments: tuple[Any, ...]) -> Outcome:
+    """Answer a request, a function of the solver that was loaded, of whether it is the first one of the process, before
+    which nothing was compiled, loaded or allocated, and of these arguments; an exception becomes an outcome."""
     cls, *answered = _loaded
-    outcome = attempt(lambda: request.answer(cls, first=not answered))
+    outcome = attempt(lambda: request(cls, not answered, *arguments))
     _loaded[1:] = [cls]
     return outcome
 

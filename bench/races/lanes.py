@@ -5,7 +5,7 @@ import re
 
 from bench.messages.task import RaceError
 from bench.problems import ProblemSetError, check_options, make
-from bench.processes.server import warm_up
+from bench.processes.child_process import warm_up
 from bench.processes.solver_child import SolverPool, entry_of_file
 from bench.races import null_solver
 from bench.races.settings import RaceSettings

@@ -28,8 +28,9 @@ from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.processes.solver_child import SolverChild
 from bench.race_table import complete
+from bench.races import worker
 from bench.races.metrics import judge, judge_timed
-from bench.races.worker import Further, SetUp, TimedSolver
+from bench.races.worker import TimedSolver
 from bench.timing.clock import LEAST_SHARE, LONG_NS, Effort, answers_us
 from bench.timing.percentiles import percentile
 from bench.timing.schedule import PERIOD_NS, runs
@@ -48,19 +49,18 @@ WARM_UP = 1
 def set_up(child: SolverChild, task: Task, form: CertifiedForm) -> Outcome:
     """Set up the solver of a task, which then waits for blocks; the outcome has its first answer. The certificate and
     the other windows stay here."""
-    outcome = child.ask(
-        SetUp(task, fields_of(form.qp), form.starts.get(task.start), form.unit, child.entry.times_itself)
-    )
+    program, start = fields_of(form.qp), form.starts.get(task.start)
+    outcome = child.ask(worker.set_up, task, program, start, form.unit, child.entry.times_itself)
     if outcome.failure == "timed_out":
         return replace(outcome, message=f"its set-up gave {outcome.message}")
-    return outcome if outcome.failure else child.ask(Further(task.key, TimedSolver.first, ()))
+    return outcome if outcome.failure else child.ask(worker.further, task.key, TimedSolver.first)
 
 
 def run_block(child: SolverChild, task: Task, P: Matrix | None, q: Matrix, most_ns: float = math.inf) -> Outcome:
     """Time a block of `bench.problems.fresh`. No call begins after ``most_ns``. It may be a failure; if the process
     ended, so did the solver that was ready."""
     cpu_ns = child.cpu_ns()
-    block = child.ask(Further(task.key, TimedSolver.block, (P, q, most_ns)))
+    block = child.ask(worker.further, task.key, TimedSolver.block, P, q, most_ns)
     n = len(block.answers) if most_ns < math.inf else len(q)
     shapes = {"answers": block.answers.shape, **{name: ns.shape for name, ns in block.times.items()}}
     if not block.failure and (
@@ -93,7 +93,7 @@ def timed(
         blocks.append(block)
         done, spent_ns = done + len(block.answers), spent_ns + int(sum(ns.sum() for ns in block.times.values()))
         size = max(effort.fewest - done, math.ceil((effort.budget_s * 1e9 - spent_ns) * done / max(spent_ns, done)), 1)
-    end = child.ask(Further(task.key, TimedSolver.end, (effort.budget_s, not form.windows)))
+    end = child.ask(worker.further, task.key, TimedSolver.end, effort.budget_s, not form.windows)
     if end.failure:
         return end
     if end.forbidden_actions:
@@ -116,7 +116,7 @@ def scheduled(child: SolverChild, task: Task, form: CertifiedForm, fresh: FreshD
         return outcome
     for first in range(0, fresh.count, fresh.calls_at_once):
         P, q = fresh.block(first, min(first + fresh.calls_at_once, fresh.count))
-        block = child.ask(Further(task.key, TimedSolver.scheduled, (P, q)))
+        block = child.ask(worker.further, task.key, TimedSolver.scheduled, P, q)
         if block.failure:
             return block
         sample, n = block.times.get("sample", np.zeros(0, dtype=np.int64)), len(block.answers)

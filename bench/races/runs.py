@@ -6,8 +6,8 @@ from typing import Any
 
 from bench.messages.task import Progress
 from bench.processes.engine import Workers
-from bench.races.driver import run_tasks
 from bench.races.lanes import checked
+from bench.races.race import run_tasks
 from bench.races.report import report
 from bench.races.run_problems import left_out
 from bench.races.settings import RaceSettings

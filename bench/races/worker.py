@@ -11,7 +11,6 @@ from __future__ import annotations
 import resource
 from collections.abc import Callable, Mapping
 from copy import deepcopy
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -19,7 +18,7 @@ import numpy as np
 from qpsolvers import Problem
 
 from bench.messages.solver_info import real, solver_info
-from bench.messages.task import Outcome, Request, Task, attempt
+from bench.messages.task import Outcome, Task, attempt
 from bench.problem_files.program import fields_of
 from bench.processes.worker import forbidden_actions
 from bench.timing.clock import no_garbage_collection, time_block, time_call, time_kernel
@@ -27,44 +26,46 @@ from bench.timing.schedule import follow
 from solvers.protocol import Matrix, Solver, Vector
 
 
-@dataclass(frozen=True)
-class SetUp(Request):
-    """Set up a solver, and keep it for what follows, until the next set-up."""
+def set_up(
+    cls: type[Solver],
+    first: bool,
+    task: Task,
+    fields: Mapping[str, Any],
+    warm_start: Vector | None = None,
+    c: float = 1.0,
+    times_itself: bool = False,
+) -> Outcome:
+    """Set up a solver, and keep it for what follows, until the next set-up; the first request of a process also solves
+    first, to warm up.
 
-    task: Task
-    fields: Mapping[str, Any]
-    """The program by field."""
-    warm_start: Vector | None = None
-    """Start of every solve, shape (d,); None for cold solves."""
-    c: float = 1.0
-    """Constant of the problem, which scales the solver's ladder."""
-    times_itself: bool = False
-    """Whether the clock runs inside compiled code."""
+    Parameters
+    ----------
+    cls, first : type of Solver, bool
+        As of `bench.processes.worker.answer`.
+    task : Task
+    fields : mapping
+        The program by field.
+    warm_start : array (d,), optional
+        Start of every solve; cold by default.
+    c : float
+        Constant of the problem, which scales the solver's ladder.
+    times_itself : bool
+        Whether the clock runs inside compiled code.
+    """
 
-    def answer(self, cls: type[Solver], first: bool) -> Outcome:
-        """Set up; the first request of a process also solves first, to warm up."""
+    def run() -> Outcome:
+        solver = _ready[task.key] = TimedSolver(cls, task, fields, warm_start, c, times_itself)
+        return solver.begin()
 
-        def run() -> Outcome:
-            solver = _ready[self.task.key] = TimedSolver(cls, self)
-            return solver.begin()
-
-        _ready.clear()
-        if first:
-            attempt(lambda: run() and _ready[self.task.key].first())
-        return attempted(self.task.key, run)
+    _ready.clear()
+    if first:
+        attempt(lambda: run() and _ready[task.key].first())
+    return attempted(task.key, run)
 
 
-@dataclass(frozen=True)
-class Further(Request):
-    """A call of a method of the :class:`TimedSolver` that is ready for the task of this key."""
-
-    key: str
-    method: Callable[..., Outcome]
-    arguments: tuple[Any, ...]
-
-    def answer(self, cls: type[Solver], first: bool) -> Outcome:
-        """Call the method."""
-        return attempted(self.key, lambda: self.method(_ready[self.key], *self.arguments))
+def further(cls: type[Solver], first: bool, key: str, method: Callable[..., Outcome], *arguments: Any) -> Outcome:
+    """Call a method of the :class:`TimedSolver` that is ready for the task of this key."""
+    return attempted(key, lambda: method(_ready[key], *arguments))
 
 
 def attempted(key: str, work: Callable[[], Outcome]) -> Outcome:
@@ -80,16 +81,25 @@ _ready: dict[str, TimedSolver] = {}
 
 
 class TimedSolver:
-    """A solver that is set up on the problem of a request, with separate arrays for updates."""
+    """A solver that is set up on a problem, with separate arrays for updates; the parameters are those of `set_up`."""
 
-    def __init__(self, cls: type[Solver], request: SetUp) -> None:
-        self._cls, self._request, program = cls, request, Problem(**request.fields)
+    def __init__(
+        self,
+        cls: type[Solver],
+        task: Task,
+        fields: Mapping[str, Any],
+        warm_start: Vector | None,
+        c: float,
+        times_itself: bool,
+    ) -> None:
+        self._made_again = partial(TimedSolver, cls, task, fields, warm_start, c, times_itself)
+        program = Problem(**fields)
         # Two copies, since a solver that writes into one must spoil neither the other nor the request.
         self._for_setup, self._for_update = deepcopy(program), deepcopy(program)
-        self._start = None if request.warm_start is None else request.warm_start.copy()
+        self._start = None if warm_start is None else warm_start.copy()
         self._content = self._bytes()
-        self._time = time_kernel if request.times_itself else time_block
-        self.settings = request.task.settings_for(cls, request.c)
+        self._time = time_kernel if times_itself else time_block
+        self.settings = task.settings_for(cls, c)
         self.solver = cls(**self.settings)
         self._solve: Callable[[], Any] = (
             self.solver.solve if self._start is None else partial(self.solver.solve, self._start)
@@ -157,7 +167,7 @@ class TimedSolver:
         changed = self.were_inputs_changed()
         for _ in range(2):
             if sum(self._setups) < budget_s * 1e9:
-                self._setups.append(TimedSolver(self._cls, self._request).setup())
+                self._setups.append(self._made_again().setup())
         return Outcome(
             found=True,
             repeatable=bool(np.array_equal(self._first, again, equal_nan=True)),

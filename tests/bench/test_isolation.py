@@ -16,10 +16,10 @@ from small_races import Race
 from bench.messages.task import NO_SETTING, ChildSettings, RaceError, Status, Task, Tier
 from bench.problems.protocol import CertifiedForm
 from bench.processes.solver_child import SolverChild, entry_of_file
+from bench.races import worker
 from bench.races.lanes import checked
 from bench.races.measuring import set_up
 from bench.races.settings import RaceSettings
-from bench.races.worker import SetUp
 from solvers.certificate import certify
 
 STATUS = {
@@ -221,7 +221,7 @@ def test_a_crashed_child_has_the_same_description(tmp_path: Path) -> None:
     task = Task("none", "none", "scaled", entry.name, entry.lane, NO_SETTING)
     with SolverChild(entry) as child:
         before = child.describe()
-        lost = child.ask(SetUp(task, {"P": np.eye(2), "q": np.array([-1.0, 1.0]), "lb": np.zeros(2)}))
+        lost = child.ask(worker.set_up, task, {"P": np.eye(2), "q": np.array([-1.0, 1.0]), "lb": np.zeros(2)})
         assert (before.absent, lost.failure) == ("", Status.CRASHED)
         assert child.describe() == before
 
