@@ -8,7 +8,7 @@ import typer
 
 from bench.cli.app import as_typed
 from bench.cli.options import WORKERS, check_option, refuse
-from bench.fleet import fleet, report
+from bench.fleet import fleet
 from bench.fleet.jobs import Identifying, Job
 from bench.processes.engine import Workers, started
 from bench.report.console import errors, lines_of, print_result, progress_bar
@@ -67,8 +67,7 @@ def process(
                 {**row, "refused": as_typed(row["refused"], options)}
                 for row in fleet.run_all(items, map_unordered, progress)
             ]
-            table, others = report.table_of(rows), fleet.products_of_others(job, rows, out)
-            report.write(out, table)
+            table, others = fleet.write_table(out, rows), fleet.products_of_others(job, rows, out)
     except KeyboardInterrupt:
         errors.print(f"Interrupted; {CONTINUE_HINT}.", soft_wrap=True)
         raise
@@ -78,7 +77,7 @@ def process(
     reasons = lines_of(refused.refused)
     if len(reasons) > MOST_REFUSED:
         reasons = [*reasons[:MOST_REFUSED], "… and more in the table."]
-    sentences = report.sentences(table, what, others)
+    sentences = fleet.sentences(table, what, others)
     lines = [*lines_of(sentences), *(["Refused:", *reasons] if reasons else []), f"Table: {out_dir}/fleet.csv"]
     print_result(
         {

@@ -43,15 +43,16 @@ NUMBERS: dict[str, Any] = {
     field.name: Annotated[
         type(field.default) | None,
         typer.Option(
-            metadata["flag"] or f"--{field.name.replace('_', '-')}",
-            metavar=metadata["metavar"],
-            min=metadata["least"],
-            max=metadata["most"],
-            help=f"{metadata['help']}; {field.default:g} by default.",
+            limits.extra["flag"] or f"--{field.name.replace('_', '-')}",
+            metavar=limits.extra["metavar"],
+            min=limits.ge,
+            max=limits.le,
+            help=f"{limits.description}; {field.default:g} by default.",
         ),
     ]
     for field in fields(RaceSettings)
-    if "help" in (metadata := field.metadata)
+    for limits in getattr(field.type, "__metadata__", ())
+    if limits.extra
 }
 """Options that the settings of a race declare."""
 

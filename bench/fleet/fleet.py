@@ -11,6 +11,7 @@ runs, of recordings that are refused now or were not given, stay in the folder, 
 
 import hashlib
 import json
+import math
 import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -19,14 +20,19 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from bench.fleet.jobs import Job
 from bench.messages.task import Progress
 from bench.processes.engine import MapUnordered
+from bench.report import words
 from piezo_model import atomic_file, json_file
 from piezo_model.recordings import RecordingError
 
 TABLE = "fleet.csv"
 """File of the table of all recordings."""
+NAMED = 4
+"""Most files that a sentence names."""
 Row = dict[str, Any]
 """``recording``, ``name`` and ``refused``, a sentence or ""; without a refusal, the figures of the job."""
 
@@ -163,3 +169,30 @@ def items_of(job: Job, recordings: Sequence[str], out: Path) -> list[Item]:
         if local(place) in written:
             raise RecordingError(f"{place}: would be overwritten; name another --out-dir")
     return items
+
+
+def write_table(out: Path, rows: Sequence[Row]) -> pd.DataFrame:
+    """Write and return the table, those of refused recordings first, then by decreasing error."""
+    by_error = sorted(rows, key=lambda row: -row.get("rms_percent", math.inf))
+    table = pd.DataFrame(by_error)
+    with atomic_file.replacing(out / TABLE) as temporary:
+        table.to_csv(temporary, index=False)
+    return table
+
+
+def sentences(table: pd.DataFrame, what: str, others: Sequence[str] = ()) -> list[str]:
+    """Number of recordings, distribution of the errors, and files that are not of this run."""
+    fine = table[table.refused == ""]
+    lines = [f"{len(fine)} of {len(table)} recordings {what}."]
+    if len(fine):
+        low, middle, high = fine.rms_percent.quantile([0.05, 0.5, 0.95])
+        lines.append(
+            f"RMS error of the output, as a share of its range: {middle:.2g} % in the median, {low:.2g} % to "
+            f"{high:.2g} % in nine of ten."
+        )
+    if own := int(fine.get("own", pd.Series(dtype=bool)).sum()):
+        lines.append(f"Judged on the recording that the model was fitted to, which says little about others: {own}.")
+    if others:
+        named = words.joined([*others[:NAMED], f"{len(others) - NAMED} more"] if len(others) > NAMED else others)
+        lines.append(f"Not of this run, but in the folder: {named}.")
+    return lines

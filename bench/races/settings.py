@@ -1,7 +1,7 @@
 """The settings of a race, which are stored in its run so that it can be resumed."""
 
-from dataclasses import dataclass, field, fields
-from typing import Annotated, Any
+from dataclasses import dataclass, field
+from typing import Annotated
 
 from msgspec import Meta
 
@@ -13,11 +13,10 @@ from solvers import Lane
 MOST = 10**9
 
 
-def option(default: float, text: str, least: float = 0, flag: str = "", metavar: str = "N", most: float = MOST) -> Any:
-    """A number from ``least`` to ``most`` that is an option of the command line, under its own name or as ``flag``."""
-    return field(
-        default=default, metadata={"help": text, "least": least, "most": most, "flag": flag, "metavar": metavar}
-    )
+def option(text: str, least: float = 0, flag: str = "", metavar: str = "N", most: float = MOST) -> Meta:
+    """Of a number from ``least`` to ``most`` that is an option of the command line, under its own name or as
+    ``flag``."""
+    return Meta(ge=least, le=most, description=text, extra={"flag": flag, "metavar": metavar})
 
 
 @dataclass(frozen=True)
@@ -35,28 +34,20 @@ class RaceSettings:
     """Names of the problems to race, as ``name`` or ``set/name``; empty for all."""
     seed: int = 0
     effort: Effort = field(default_factory=Effort)
-    time_limit_s: float = option(20.0, "Longest duration of a task", 0.1, "--time-limit", "SECONDS", 1e6)
-    memory_mb: int = option(2048, "Most memory that a solver may allocate", 16, "--memory", "MB")
+    time_limit_s: Annotated[float, option("Longest duration of a task", 0.1, "--time-limit", "SECONDS", 1e6)] = 20.0
+    memory_mb: Annotated[int, option("Most memory that a solver may allocate", 16, "--memory", "MB")] = 2048
     solver_files: tuple[str, ...] = ()
-    repeats: int = option(1, "Number of times that each solver is measured, each in a fresh process", 1)
+    repeats: Annotated[int, option("Number of times that each solver is measured, each in a fresh process", 1)] = 1
     set_options: dict[str, str] = field(default_factory=dict)
     """Files and columns for the problem sets, by name."""
-    rounds: int = option(10, "Rounds in which the solvers are interleaved, 0 for none")
+    rounds: Annotated[int, option("Rounds in which the solvers are interleaved, 0 for none")] = 10
     """Rounds of interleaved solves, one update and solve of each solver a round."""
-    schedule: int = option(0, "Samples on a schedule of 8 kHz, where answers may be late, 0 for none")
+    schedule: Annotated[int, option("Samples on a schedule of 8 kHz, where answers may be late, 0 for none")] = 0
     """Samples of each problem that come due every 125 µs, whether the solver is ready or not."""
-    keep_misses: int = option(5, "Solver lanes whose worst miss of 1e-9 is kept as a file")
+    keep_misses: Annotated[int, option("Solver lanes whose worst miss of 1e-9 is kept as a file")] = 5
     """Most solver lanes of which a missed answer is saved with its program."""
     given: dict[str, str] = field(default_factory=dict)
     """Settings of the user's for solvers by name, as JSON, which are measured in place of the ladder."""
-
-    def __post_init__(self) -> None:
-        """ValueError if an option is outside its range."""
-        for option in fields(self):
-            if (limits := option.metadata) and not (
-                limits["least"] <= (value := getattr(self, option.name)) <= limits["most"]
-            ):
-                raise ValueError(f"{option.name} must be from {limits['least']} to {limits['most']}, not {value}")
 
     @property
     def longest_s(self) -> float:

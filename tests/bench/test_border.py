@@ -195,7 +195,7 @@ def with_column(name: str, value: object) -> Callable[[Path], object]:
         ("run.json", lambda path: path.write_text(path.read_text().replace('"version"', '"x"')), "version 1 is not"),
         ("run.json", with_field(("race",), '"batch"'), "there is no field 'race'"),
         ("run.json", with_field(("settings",), '"x"'), "the field 'settings' is wrong: expected `object`, got `str`"),
-        ("run.json", with_field(("settings", "rounds"), "-3"), "rounds must be from 0"),
+        ("run.json", with_field(("settings", "rounds"), "-3"), "the field 'rounds' is wrong: expected `int` >= 0"),
         ("run.json", with_field(("settings", "limit"), "-1"), "the field 'limit' is wrong: expected `int` >= 0"),
         ("run.json", with_field(("settings", "time_limit_s"), "1e400"), "number out of range"),
         ("run.json", with_field(("settings", "seed"), LONG), "integer value out of range"),
