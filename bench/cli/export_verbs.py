@@ -12,7 +12,7 @@ from bench.deploy.deployment import open_model
 from bench.export import building, c_source, fmu, realtime
 from bench.export.settings import EXACT_SOLVER, SOLVERS, Exported, ExportError, ExportSettings, LoopSolver, Precision
 from bench.report.console import console, errors, plain_json, print_result
-from bench.timing.percentiles import QUANTILES, Percentile, tail_cells
+from bench.timing import percentiles
 from piezo_model import HysteresisCreepModel, atomic_file
 from piezo_model.learning.settings import Mode
 
@@ -146,7 +146,7 @@ def realtime_verb(
         atomic_file.write_text(out, json.dumps(plain_json(result.to_dict()), indent=1) + "\n")
     step, counts = result.step, result.histograms
     bounds = sorted({bound for count in counts.values() for bound in count})
-    times = [(name, *tail_cells(us, digits=2)) for name, us in result.times_us.items()]
+    times = [(name, *percentiles.tail_cells(us, digits=2)) for name, us in result.times_us.items()]
     octaves = [(f"{bound:g}", *(str(count.get(bound, 0)) for count in counts.values())) for bound in bounds]
     guarantees = {"memory": "locking memory", "core": "pinning to a core", "fifo": "SCHED_FIFO"}
     lines = [
@@ -166,7 +166,7 @@ def realtime_verb(
     print_result(
         result.to_dict(),
         as_json,
-        (("µs", *(Percentile(q).name for q in QUANTILES), "max"), times, 1),
+        (("µs", *map(percentiles.name, percentiles.QUANTILES), "max"), times, 1),
         (("up to, µs", *counts), octaves, 1),
         *lines,
     )

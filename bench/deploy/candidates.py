@@ -239,7 +239,7 @@ def candidates(run: Run, rule: Rule) -> Iterator[Candidate]:
             calls.size,
             int(np.count_nonzero(calls > rule.deadline_us)),
             explained(floor, calls, rule.deadline_us),
-            (*(percentile(hot, q).value or math.nan for q in QUANTILES[:-1]), float(chosen.answer_us.agg(TYPICAL))),
+            (*(percentile(hot, q) for q in QUANTILES[:-1]), float(chosen.answer_us.agg(TYPICAL))),
             hot.size,
             int(chosen.judged.min()) if len(chosen) else 0,
             (line["solver"], line["lane"], line["furthest"]) in late,

@@ -16,12 +16,12 @@ from bench.deploy.candidates import QUANTILES, Candidate, Rule, candidates
 from bench.deploy.deployment import Deployment
 from bench.report.words import gap, marked, number, solver_lanes
 from bench.store import Run, RunError
-from bench.timing.percentiles import Percentile, needed
+from bench.timing import percentiles
 from piezo_model.learning.settings import EXACT_SOLVERS
 from piezo_model.model import HysteresisCreepModel
 from solvers import Lane
 
-NAMES = (*(Percentile(q).name for q in QUANTILES[:-1]), "median")
+NAMES = (*(percentiles.name(q) for q in QUANTILES[:-1]), "median")
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Decision:
             )
             sentences.append(
                 f"Decided by the {name}, the finest percentile that all who qualify support: {NAMES[self.by - 1]} "
-                f"needs {needed(QUANTILES[self.by - 1])} samples and has {least.calls} for {least.name}."
+                f"needs {percentiles.needed(QUANTILES[self.by - 1])} samples and has {least.calls} for {least.name}."
             )
         sentences += [
             f"Runner-up: {candidate.name}, {name} {number(candidate.times_us[self.by])} µs."

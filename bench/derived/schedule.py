@@ -6,7 +6,6 @@ A solver is late if the whole interval is above 1, or if it is late at most samp
 machine itself misses too many deadlines, nothing is known.
 """
 
-import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -50,7 +49,7 @@ def on_schedule(measurements: Measurements) -> pd.DataFrame:
     for line, (_, calls) in zip(table.to_dict("records"), rows.groupby(GROUP), strict=True):
         us, floor = np.concatenate([*calls.ns]) / 1e3, floors.loc[line["scaling"]]
         low, high = rate_ratio(line["bouts"], line["due"], int(floor.bouts), int(floor.due))
-        known = {name: percentile(us, q).value or math.nan for name, q in QUANTILES.items()}
+        known = {name: percentile(us, q) for name, q in QUANTILES.items()}
         is_late, is_busy = low > 1.0 or np.median(us) > PERIOD_US, floor.late > TOLERATED * floor.due
         is_floor = line["solver"] == NULL_SOLVER
         figures.append(

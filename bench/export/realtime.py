@@ -21,8 +21,7 @@ import numpy as np
 from bench.export import building, c_source
 from bench.export.settings import ExportError, ExportSettings
 from bench.processes.child_process import Child
-from bench.timing import cores
-from bench.timing.percentiles import QUANTILES, percentile
+from bench.timing import cores, percentiles
 from piezo_model import HysteresisCreepModel
 from solvers.arrays import Nanoseconds, Vector
 
@@ -78,7 +77,8 @@ class RealTime:
             "null_missed": self.null.missed,
             "allowed": self.step.allowed,
             "us": {
-                name: {p.name: p.value for p in (percentile(us, q) for q in QUANTILES)} | {"max": float(us.max())}
+                name: {percentiles.name(q): percentiles.percentile(us, q) for q in percentiles.QUANTILES}
+                | {"max": float(us.max())}
                 for name, us in self.times_us.items()
             },
             "histograms_us": {

@@ -37,7 +37,6 @@ class SolverChild(Child):
     def __init__(self, entry: Entry, settings: ChildSettings = STANDARD, core: int | None = None) -> None:
         super().__init__()
         self.entry, self._settings, self._core = entry, settings, core
-        self.time_limit_s = settings.time_limit_s
         self._load()
 
     def _load(self) -> None:
@@ -73,7 +72,7 @@ class SolverChild(Child):
             self.kill()
             return Outcome("tampered", "its process answered before a request")
         try:
-            outcome = self.call(self.time_limit_s, worker.answer, request, arguments)
+            outcome = self.call(self._settings.time_limit_s, worker.answer, request, arguments)
         except LateError as error:
             return Outcome("timed_out", str(error))
         except LostError as error:

@@ -257,7 +257,7 @@ def row_of(problem: RaceProblem, task: Task, outcome: Outcome, fresh: FreshData 
             "setup_us": median(setup / 1e3),
             "update_us": median(update / 1e3),
             "solve_us_p50": median(solve_us),
-            "solve_us_p99": percentile(solve_us, 0.99).value or math.nan,
+            "solve_us_p99": percentile(solve_us, 0.99),
             "solve_us_max": float(solve_us.max()) if solve.size else math.nan,
             "answer_us": median(us),
             "cpu_us": cpu_us,

@@ -52,11 +52,6 @@ def gap(value: float) -> str:
     return "–" if not math.isfinite(value) else f"{value:.1e}"
 
 
-def whole(value: float) -> str:
-    """A whole number of samples or events; – where there is none."""
-    return f"{value:.0f}" if math.isfinite(value) else "–"
-
-
 def percent(share: float) -> str:
     """A relative cost gap in a sentence.
 

@@ -1,14 +1,11 @@
-"""Percentiles with distribution-free intervals; a percentile is refused if the sample is too small.
+"""Percentiles, refused if the sample is too small, and bounds of the rates of events.
 
 Of N samples in order, X₁ ≤ … ≤ X_N, the q-quantile ξ is the observed X_⌈qN⌉. How many samples lie below ξ is binomial,
-K ~ Bin(N, q), so that for any continuous distribution
+so that for any continuous distribution the whole sample holds it with the probability
 
-    P(X_l ≤ ξ ≤ X_u) = P(l ≤ K < u) = F(u − 1) − F(l − 1),   F the distribution function of K.
+    P(X₁ ≤ ξ ≤ X_N) = 1 − qᴺ − (1 − q)ᴺ
 
-l is the largest and u the smallest rank that leave at most 2.5 % below and above. If not even u = N does, the upper
-end is the maximum and the lower tail gets the rest of the 5 %; likewise with l = 1. If the widest interval,
-(X₁, X_N), covers less than 95 %, that is qᴺ + (1 − q)ᴺ > 5 %, there is no percentile: p99.9 needs 2 995 samples and
-p99.99 needs 29 956.
+If that is less than 95 %, there is no percentile: p99.9 needs 2 995 samples and p99.99 needs 29 956.
 
 The samples are taken as independent. Delays come in bursts, so that the true intervals of tails are wider; several
 processes and the floor of the machine beside them are the remedy.
@@ -20,14 +17,13 @@ Pearson, Biometrika 26 (1934) 404 to 413.
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import betaincinv
-from scipy.stats import binom, binomtest
+from scipy.stats import binomtest
 
 from piezo_model.checks import check
 
@@ -35,21 +31,9 @@ CONFIDENCE = 0.95
 QUANTILES = (0.5, 0.99, 0.999, 0.9999)
 
 
-@dataclass(frozen=True)
-class Percentile:
-    """A percentile with its interval, or its refusal."""
-
-    q: float
-    """Fraction between 0 and 1."""
-    value: float | None = None
-    low: float | None = None
-    high: float | None = None
-    """The percentile and the ends of its interval, in the unit of the sample; all None if it is refused."""
-
-    @property
-    def name(self) -> str:
-        """The usual name, such as p99.9."""
-        return f"p{100.0 * self.q:.10g}"
+def name(q: float) -> str:
+    """The usual name of a percentile, such as p99.9."""
+    return f"p{100.0 * q:.10g}"
 
 
 @cache
@@ -65,33 +49,16 @@ def needed(q: float) -> int:
     return next(count for count in itertools.count(1) if q**count + (1.0 - q) ** count <= 1.0 - CONFIDENCE)
 
 
-def ranks(samples: int, q: float) -> tuple[int, int]:
-    """Ranks l and u, counted from 1, of the interval of the q-quantile, of a sample that is large enough."""
-    tails = 1.0 - CONFIDENCE
-    above = min(max(0.5 * tails, q**samples), tails - (1.0 - q) ** samples)  # q**N is the maximum's upper tail
-    below = tails - above
-    low = int(binom.ppf(below, samples, q))  # the smallest k with F(k) ≥ below; needed is F(l − 1) ≤ below
-    low += int(binom.cdf(low, samples, q) <= below)
-    high = int(binom.isf(above, samples, q)) + 1  # the smallest k with 1 − F(k) ≤ above is u − 1
-    return max(low, 1), min(high, samples)
-
-
-def percentile(sample: ArrayLike, q: float) -> Percentile:
-    """The q-quantile of a sample, with its interval; refused if the sample is smaller than :func:`needed` says.
+def percentile(sample: ArrayLike, q: float) -> float:
+    """The q-quantile of a sample; NaN if it is smaller than :func:`needed` says.
 
     Examples
     --------
-    >>> percentile(np.arange(1, 1001), 0.99)
-    Percentile(q=0.99, value=990.0, low=983.0, high=997.0)
-    >>> percentile(np.arange(1000), 0.999)
-    Percentile(q=0.999, value=None, low=None, high=None)
+    >>> percentile(np.arange(1, 1001), 0.99), percentile(np.arange(1000), 0.999)
+    (990.0, nan)
     """
-    ordered = np.sort(np.asarray(sample, dtype=np.float64))
-    if ordered.size < needed(q):
-        return Percentile(q)
-    low, high = ranks(ordered.size, q)
-    rank = math.ceil(round(q * ordered.size, 6))  # 0.99 · 1000 is 990 and a bit in doubles
-    return Percentile(q, float(ordered[rank - 1]), float(ordered[low - 1]), float(ordered[high - 1]))
+    values = np.asarray(sample, dtype=np.float64)
+    return float(np.quantile(values, q, method="inverted_cdf")) if values.size >= needed(q) else math.nan
 
 
 def tail_cells(sample: ArrayLike, quantiles: Sequence[float] = QUANTILES, digits: int = 0) -> list[str]:
@@ -102,8 +69,8 @@ def tail_cells(sample: ArrayLike, quantiles: Sequence[float] = QUANTILES, digits
     >>> tail_cells(np.arange(1000), (0.5, 0.999))
     ['499', '–', '999']
     """
-    values = [*(percentile(sample, q).value for q in quantiles), float(np.max(sample))]
-    return ["–" if value is None else f"{value:.{digits}f}" for value in values]
+    values = [*(percentile(sample, q) for q in quantiles), float(np.max(sample))]
+    return ["–" if math.isnan(value) else f"{value:.{digits}f}" for value in values]
 
 
 def rate_bound(events: ArrayLike, samples: ArrayLike) -> Any:

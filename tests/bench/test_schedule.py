@@ -1,4 +1,4 @@
-"""The schedule, on a simulated clock; percentiles and their intervals against their definitions."""
+"""The schedule, on a simulated clock; percentiles and rates against their definitions."""
 
 from collections.abc import Callable
 from fractions import Fraction
@@ -7,7 +7,7 @@ from math import ceil, comb
 import numpy as np
 import pytest
 
-from bench.timing.percentiles import QUANTILES, Percentile, needed, percentile, ranks, rate_bound
+from bench.timing.percentiles import QUANTILES, needed, percentile, rate_bound
 from bench.timing.schedule import LEAD_NS, PERIOD_NS, SPIN_NS, Timeline, follow, runs
 
 TICK = 50
@@ -85,8 +85,8 @@ def below(k: int, samples: int, q: Fraction) -> Fraction:
 def test_a_sample_whose_range_covers_the_percentile_is_enough_and_one_value_less_is_refused(q: float) -> None:
     N = needed(q)
     assert q**N + (1 - q) ** N <= 0.05 < q ** (N - 1) + (1 - q) ** (N - 1)
-    assert percentile(np.arange(N - 1), q) == Percentile(q)
-    assert percentile(np.arange(N), q).value is not None
+    assert np.isnan(percentile(np.arange(N - 1), q))
+    assert np.isfinite(percentile(np.arange(N), q))
 
 
 @pytest.mark.parametrize("q", [0.0, 1.0, -0.1, 99.9])
@@ -95,32 +95,12 @@ def test_a_percentile_is_a_share_between_zero_and_one(q: float) -> None:
         needed(q)
 
 
-@pytest.mark.parametrize("q", [Fraction(1, 10), Fraction(1, 2), Fraction(7, 10), Fraction(9, 10), Fraction(19, 20)])
-def test_the_interval_is_the_tightest_that_covers_by_exhaustive_sums(q: Fraction) -> None:
-    for N in range(needed(float(q)), needed(float(q)) + 40):
-        low, high = ranks(N, float(q))
-        assert 1 <= low < high <= N
-        tail_below, tail_above = below(low - 1, N, q), 1 - below(high - 1, N, q)
-        assert tail_below + tail_above <= Fraction(1, 20) + Fraction(1, 10**12)
-        half = Fraction(1, 40)
-        # Neither end can move inwards: its tail would be more than its share, which is one half where the other allows
-        # it.
-        share_above = max(half, q**N)
-        share_below = max(half, (1 - q) ** N) if share_above == half else Fraction(1, 20) - share_above
-        share_above = share_above if share_below <= half else Fraction(1, 20) - share_below
-        assert below(low, N, q) > share_below
-        assert 1 - below(high - 2, N, q) > share_above
-
-
 @pytest.mark.parametrize("q", QUANTILES[:3])
 @pytest.mark.parametrize("extra", [0, 1, 17, 4001])
-def test_the_value_is_the_observed_order_statistic_and_lies_in_its_interval(q: float, extra: int) -> None:
+def test_a_percentile_is_the_observed_order_statistic(q: float, extra: int) -> None:
     sample = np.random.default_rng(extra).permutation(np.random.default_rng(1).lognormal(size=needed(q) + extra))
-    found = percentile(sample, q)
     rank = ceil(Fraction(str(q)) * sample.size)
-    assert found.value == np.sort(sample)[rank - 1] == np.quantile(sample, q, method="inverted_cdf")
-    assert found.low <= found.value <= found.high
-    assert {found.low, found.high} <= set(sample.tolist())
+    assert percentile(sample, q) == np.sort(sample)[rank - 1]
 
 
 @pytest.mark.parametrize(("events", "samples"), [(0, 30), (1, 30), (7, 50), (29, 30)])
