@@ -62,7 +62,7 @@ def process(
     out.mkdir(parents=True, exist_ok=True)
     try:
         with progress_bar() as progress, started(workers) as map_unordered:
-            options = [f"--{name.replace('_', '-')}" for name in vars(job)]
+            options = [f"--{name.replace('_', '-')}" for name in vars(job) | getattr(job, "options", {})]
             rows = [
                 {**row, "refused": as_typed(row["refused"], options)}
                 for row in fleet.run_all(items, map_unordered, progress)

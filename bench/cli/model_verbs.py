@@ -122,7 +122,8 @@ def identify_verb(
     It reports how well the model fits and what the recordings lack; --page draws the fit of one recording.
     """
     file = recording_of(recording, reading)
-    job = jobs.Identifying(reading, n, m, creep_rates, skip, lag, dynamics, estimator, solver, force)
+    options = {"n": n, "m": m, "creep_rates": creep_rates, "skip": skip, "lag": lag, "dynamics": dynamics}
+    job = jobs.Identifying(reading, options | {"estimator": estimator, "solver": solver, "force": force})
     if out is None:
         process(job, recording or (), out_dir, workers, "gave a model", as_json, page)
         return

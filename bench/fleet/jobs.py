@@ -12,8 +12,6 @@ import numpy as np
 from bench.deploy.deployment import open_model
 from bench.messages.task import Progress, silent
 from piezo_model import Compensator, HysteresisCreepModel, Recording, checks, identify, recordings
-from piezo_model.identification.dynamics import DynamicsChoice, LagChoice
-from piezo_model.identification.identify import Estimator
 from piezo_model.identification.validation import Validation
 from piezo_model.model import ModelError, StartChoice
 
@@ -35,18 +33,10 @@ class Job(ABC):
 
 @dataclass(frozen=True)
 class Identifying(Job):
-    """Settings of `identify`, which chooses orders and rates that are None, and keywords of ``Recording.open``."""
+    """Keywords of ``Recording.open``, and of `identify`, which chooses orders and rates that are None."""
 
     opening: Mapping[str, Any] = field(default_factory=dict)
-    n: int | None = None
-    m: int | None = None
-    creep_rates: tuple[float, ...] | None = None
-    skip: int | None = None
-    lag: LagChoice = "estimate"
-    dynamics: DynamicsChoice = "estimate"
-    estimator: Estimator = "forward"
-    solver: str = "box_active_set"
-    force: bool = False
+    options: Mapping[str, Any] = field(default_factory=dict)
     product = "{}.json"
 
     def do(self, recording: Path, further: Sequence[Path], target: Path) -> dict[str, Any]:
@@ -70,19 +60,7 @@ class Identifying(Job):
 
     def of(self, recording: Recording | Sequence[Recording], progress: Progress = silent) -> HysteresisCreepModel:
         """Identify the model of a recording, or of several of one stage."""
-        return identify(
-            recording,
-            n=self.n,
-            m=self.m,
-            creep_rates=self.creep_rates,
-            skip=self.skip,
-            lag=self.lag,
-            dynamics=self.dynamics,
-            estimator=self.estimator,
-            solver=self.solver,
-            force=self.force,
-            progress=progress,
-        )
+        return identify(recording, **self.options, progress=progress)
 
 
 @dataclass(frozen=True)

@@ -99,7 +99,7 @@ def test_finished_work_is_kept_unless_settings_or_content_change(recordings: lis
         return [i for i, path in enumerate(models) if path.stat().st_ino != before[i]]
 
     models = [tmp_path / "out" / f"{path.stem}.json" for path in chosen]
-    first, other = (Identifying(n=2, m=m, creep_rates=()) for m in (0, 1))
+    first, other = (Identifying(options={"n": 2, "m": m, "creep_rates": ()}) for m in (0, 1))
     for work, expected, then in (
         (first, [0, 1], lambda: None),
         (first, [], lambda: chosen[1].write_bytes(recordings[5].read_bytes())),
@@ -119,7 +119,7 @@ def test_a_product_that_was_truncated_or_changed_is_made_again(recordings: list[
     write_table(reference, {"time_s": np.arange(200) * SAMPLE_TIME, "reference_um": np.zeros(200)})
     model = out / f"{name}.json"
     for work, given, made in (
-        (Identifying(n=2, m=0, creep_rates=()), recording, model),
+        (Identifying(options={"n": 2, "m": 0, "creep_rates": ()}), recording, model),
         (Compensating(str(model)), str(reference), out / "wanted-drive.csv"),
         (Validating(str(model)), recording, tmp_path / "judged" / "rows" / model.name),
     ):
@@ -272,7 +272,7 @@ def test_the_first_screen_has_a_hundred_columns_and_forty_lines_however_many_fai
         path.write_text("no numbers in here")
     with pytest.raises(RecordingError, match=f"60 of {60 + COUNT} recordings are refused"):
         process(
-            Identifying(n=1, m=0, creep_rates=()),
+            Identifying(options={"n": 1, "m": 0, "creep_rates": ()}),
             [*map(str, broken), *(str(path) for path in recordings if path.stem != BAD)],
             str(tmp_path / "out"),
             Workers(),
