@@ -127,13 +127,7 @@ def scheduled(child: SolverChild, task: Task, form: CertifiedForm, fresh: FreshD
         ):
             return Outcome("tampered", "its process sent an answer that was not requested")
         blocks.append(replace(block, times={**block.times, "sample": sample + first}))
-    names = ("update", "solve", "sample", "response")
-    return replace(
-        outcome,
-        times={name: np.concatenate([block.times[name] for block in blocks]) for name in names},
-        answers=np.concatenate([block.answers for block in blocks]),
-        preemptions=sum(block.preemptions for block in blocks),
-    )
+    return with_calls(outcome, blocks)
 
 
 def hidden_ns(blocks: Sequence[Outcome], null_ns: Iterable[float]) -> float:
@@ -144,13 +138,13 @@ def hidden_ns(blocks: Sequence[Outcome], null_ns: Iterable[float]) -> float:
     return used_ns if LEAST_SHARE * used_ns > 1e3 * us.size * median(us) else 0.0
 
 
-def with_calls(outcome: Outcome, blocks: Sequence[Outcome], hidden: float) -> Outcome:
+def with_calls(outcome: Outcome, blocks: Sequence[Outcome], hidden: float = 0.0) -> Outcome:
     """The outcome of a task with the calls of its blocks, and what they hide, NaN if that is nothing."""
     return replace(
         outcome,
         times={
             **outcome.times,
-            **{name: np.concatenate([block.times[name] for block in blocks]) for name in ("update", "solve")},
+            **{name: np.concatenate([block.times[name] for block in blocks]) for name in blocks[0].times},
         },
         answers=np.concatenate([block.answers for block in blocks]),
         preemptions=sum(block.preemptions for block in blocks),

@@ -149,13 +149,12 @@ class TimedSolver:
 
         before = preemptions()
         with no_garbage_collection():
-            t = follow(len(q), lambda k: self.solver.update(Ps[k], q[k]), solve, keep)
-        times = {"update": t.updated - t.began, "solve": t.ended - t.updated, "sample": t.solved}
+            times = follow(len(q), lambda k: self.solver.update(Ps[k], q[k]), solve, keep)
         return Outcome(
             found=True,
             preemptions=preemptions() - before,
-            times={**times, "response": t.response_ns},
-            answers=answers[: t.solved.size],
+            times=times,
+            answers=answers[: times["sample"].size],
         )
 
     def end(self, budget_s: float, is_fixed: bool) -> Outcome:

@@ -15,12 +15,11 @@ of the system's timers and the way back to the core), which at 8 kHz leaves no t
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.arrays import Index, Nanoseconds
+from solvers.arrays import Nanoseconds
 
 PERIOD_NS = 125_000
 PERIOD_US = PERIOD_NS / 1e3
@@ -28,27 +27,6 @@ PERIOD_US = PERIOD_NS / 1e3
 SPIN_NS = 300_000
 LEAD_NS = 2_000_000
 """Time from the call to the first due time."""
-
-
-@dataclass(frozen=True)
-class Timeline:
-    """The solves on the schedule; times in ns since the first due time, one entry for each solve."""
-
-    samples: int
-    """Number of samples that came due."""
-    solved: Index
-    """The newest sample of each solve. Shape (M,)."""
-    began: Nanoseconds
-    updated: Nanoseconds
-    ended: Nanoseconds
-    """Begin, end of the solver's update, end. Shape (M,)."""
-    period_ns: int = PERIOD_NS
-
-    @property
-    def response_ns(self) -> Nanoseconds:
-        """Time from the due time of each sample to the end of the first solve that includes it, shape (samples,)."""
-        k = np.arange(self.samples)
-        return self.ended[np.searchsorted(self.solved, k)] - k * self.period_ns
 
 
 def runs(late: NDArray[np.bool_]) -> int:
@@ -80,7 +58,7 @@ def follow(
     period_ns: int = PERIOD_NS,
     clock: Callable[[], int] = time.perf_counter_ns,
     sleep: Callable[[float], None] = time.sleep,
-) -> Timeline:
+) -> dict[str, Nanoseconds]:
     """Run a solver on the schedule.
 
     Parameters
@@ -95,6 +73,12 @@ def follow(
         Save the answer of solve j; not timed.
     clock, sleep : callable
         Clock in nanoseconds, and sleep in seconds.
+
+    Returns
+    -------
+    dict
+        ``update`` and ``solve``, the times of each of the M solves in ns, ``sample``, the newest sample of each, shape
+        (M,), and ``response``, the response time of each sample in ns, shape (samples,).
     """
     solved, began, updated, ended = (np.full(samples, -1, dtype=np.int64) for _ in range(4))
     start, k, count = clock() + LEAD_NS, -1, 0
@@ -109,4 +93,10 @@ def follow(
         solved[count], began[count], updated[count], ended[count] = k, begin - start, between - start, end - start
         keep(count)
         count += 1
-    return Timeline(samples, solved[:count], began[:count], updated[:count], ended[:count], period_ns)
+    every = np.arange(samples)
+    return {
+        "update": (updated - began)[:count],
+        "solve": (ended - updated)[:count],
+        "sample": solved[:count],
+        "response": ended[np.searchsorted(solved[:count], every)] - every * period_ns,
+    }

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bench.timing.percentiles import QUANTILES, needed, percentile, rate_bound
-from bench.timing.schedule import LEAD_NS, PERIOD_NS, SPIN_NS, Timeline, follow, runs
+from bench.timing.schedule import LEAD_NS, PERIOD_NS, SPIN_NS, follow, runs
 
 TICK = 50
 """Duration of one reading of the clock, ns."""
@@ -29,8 +29,8 @@ class Clock:
         self.slept += 1
 
 
-def run_on(clock: Clock, samples: int, service: Callable[[int], int], **options: object) -> tuple[Timeline, list[int]]:
-    """A timeline of solves that take ``service(j)`` ns, and the samples of the updates."""
+def run_on(clock: Clock, samples: int, service: Callable[[int], int], **options: object) -> tuple[dict, list[int]]:
+    """Times of solves that take ``service(j)`` ns, and the samples of the updates."""
     updated: list[int] = []
 
     def solve() -> None:
@@ -40,22 +40,23 @@ def run_on(clock: Clock, samples: int, service: Callable[[int], int], **options:
 
 
 def test_a_slow_solver_takes_the_newest_sample_and_is_late_at_all() -> None:
-    timeline, updated = run_on(Clock(), 100, lambda j: 1_000_000)
-    assert updated == timeline.solved.tolist()
-    assert set(np.diff(timeline.solved)[:-1].tolist()) == {8}  # a millisecond is eight periods
-    assert (timeline.response_ns > PERIOD_NS).all()
-    assert timeline.samples == 100
+    times, updated = run_on(Clock(), 100, lambda j: 1_000_000)
+    assert updated == times["sample"].tolist()
+    assert set(np.diff(times["sample"])[:-1].tolist()) == {8}  # a millisecond is eight periods
+    assert (times["response"] > PERIOD_NS).all()
+    assert times["response"].size == 100
 
 
-def test_figures_of_a_timeline_are_those_of_their_definitions() -> None:
+def test_times_on_the_schedule_are_those_of_their_definitions() -> None:
     chance = np.random.default_rng(2)
     times = np.where(chance.random(300) < 0.1, chance.integers(0, 2_000_000, 300), chance.integers(0, 150_000, 300))
-    timeline, _ = run_on(Clock(), 300, lambda j: int(times[j]))
+    found, _ = run_on(Clock(), 300, lambda j: int(times[j]))
+    response, solved = found["response"], found["sample"]
     for k in range(300):
-        j = next(j for j, solved in enumerate(timeline.solved) if solved >= k)
-        assert timeline.response_ns[k] == timeline.ended[j] - k * PERIOD_NS
-        assert timeline.response_ns[k] >= timeline.ended[j] - timeline.began[j]
-    assert runs(timeline.response_ns > PERIOD_NS) > 1
+        j = next(j for j, sample in enumerate(solved) if sample >= k)
+        assert response[k] == response[solved[j]] + (solved[j] - k) * PERIOD_NS
+        assert response[k] >= found["update"][j] + found["solve"][j] > times[j]
+    assert runs(response > PERIOD_NS) > 1
 
 
 @pytest.mark.parametrize(
