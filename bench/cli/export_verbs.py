@@ -144,22 +144,21 @@ def realtime_verb(
     result = realtime.real_time(loaded, settings, rate, seconds, priority, core)
     if out is not None:
         atomic_file.write_text(out, json.dumps(plain_json(result.to_dict()), indent=1) + "\n")
-    step, counts = result.step, result.histograms
+    allowed, counts = result.allowed, result.histograms
     bounds = sorted({bound for count in counts.values() for bound in count})
     times = [(name, *percentiles.tail_cells(us, digits=2)) for name, us in result.times_us.items()]
     octaves = [(f"{bound:g}", *(str(count.get(bound, 0)) for count in counts.values())) for bound in bounds]
     guarantees = {"memory": "locking memory", "core": "pinning to a core", "fifo": "SCHED_FIFO"}
     lines = [
-        f"{step.missed} of {step.response_ns.size} deadlines at {step.rate_Hz:g} Hz missed, and "
-        f"{result.null.missed} by a step that does nothing.",
-        f"New weights came late {step.allowed['late']} times, and {step.allowed['dropped']} blocks of samples were "
-        "dropped."
+        f"{result.missed('response')} of {result.times_us['response'].size} deadlines at {result.rate_Hz:g} Hz missed, "
+        f"and {result.missed('null response')} by a step that does nothing.",
+        f"New weights came late {allowed['late']} times, and {allowed['dropped']} blocks of samples were dropped."
         if settings.learning
         else "",
         *(
-            f"Without {guarantees[what]}: {step.allowed.get(what, 'not asked for')}."
+            f"Without {guarantees[what]}: {allowed.get(what, 'not asked for')}."
             for what in guarantees
-            if step.allowed.get(what) != "yes"
+            if allowed.get(what) != "yes"
         ),
         f"Figures: {out}" if out else "",
     ]

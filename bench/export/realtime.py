@@ -23,45 +23,24 @@ from bench.export.settings import ExportError, ExportSettings
 from bench.processes.child_process import Child
 from bench.timing import cores, percentiles
 from piezo_model import HysteresisCreepModel
-from solvers.arrays import Nanoseconds, Vector
+from solvers.arrays import Vector
 
 FLAGS = ("-std=c99", "-O3", "-march=native", "-ffp-contract=fast", "-pthread")
 
 
 @dataclass(frozen=True)
-class Paced:
-    """Times of one run on the schedule, shape (N,)."""
+class RealTime:
+    """A run of the exported step on the schedule, and one of an empty step."""
 
     rate_Hz: float
-    wake_ns: Nanoseconds
-    service_ns: Nanoseconds
-    response_ns: Nanoseconds
+    times_us: dict[str, Vector]
+    """``wake-up``, ``service`` and ``response`` of the step, and ``null response``, µs, each of shape (N,)."""
     allowed: dict[str, str]
     """memory, core, fifo → "yes" or why the system refused; with learning, counts of late offers and dropped blocks."""
 
-    @property
-    def missed(self) -> int:
-        """Number of samples whose response time exceeds the period."""
-        return int(np.count_nonzero(self.response_ns > 1e9 / self.rate_Hz))
-
-
-@dataclass(frozen=True)
-class RealTime:
-    """Runs of the exported step, and of an empty one."""
-
-    step: Paced
-    null: Paced
-
-    @property
-    def times_us(self) -> dict[str, Vector]:
-        """Times by name, µs."""
-        times = {
-            "wake-up": self.step.wake_ns,
-            "service": self.step.service_ns,
-            "response": self.step.response_ns,
-            "null response": self.null.response_ns,
-        }
-        return {name: np.asarray(1e-3 * ns, dtype=np.float64) for name, ns in times.items()}
+    def missed(self, response: str) -> int:
+        """Number of samples whose response time, of this name, exceeds the period."""
+        return int(np.count_nonzero(self.times_us[response] > 1e6 / self.rate_Hz))
 
     @property
     def histograms(self) -> dict[str, dict[float, int]]:
@@ -71,11 +50,11 @@ class RealTime:
     def to_dict(self) -> dict[str, Any]:
         """Figures for JSON."""
         return {
-            "rate_Hz": self.step.rate_Hz,
-            "samples": self.step.response_ns.size,
-            "missed": self.step.missed,
-            "null_missed": self.null.missed,
-            "allowed": self.step.allowed,
+            "rate_Hz": self.rate_Hz,
+            "samples": self.times_us["response"].size,
+            "missed": self.missed("response"),
+            "null_missed": self.missed("null response"),
+            "allowed": self.allowed,
             "us": {
                 name: {percentiles.name(q): percentiles.percentile(us, q) for q in percentiles.QUANTILES}
                 | {"max": float(us.max())}
@@ -112,19 +91,19 @@ def real_time(
         # a child ends with this process, however that ends, and the program with the child
         with cores.claim(core) as claimed, claimed.pinned(), Child() as child:
 
-            def paced(*null: str) -> Paced:
+            def paced(*null: str) -> tuple[Vector, Vector, dict[str, str]]:
                 words = ["./loop", repr(rate_Hz), repr(seconds), str(priority), str(claimed.number), "times", *null]
                 done = child.call(1e6, partial(subprocess.run, cwd=folder, capture_output=True, text=True), words)
                 if done.returncode != 0:
                     raise ExportError(
                         f"the real-time program ended with status {done.returncode}: {done.stderr.strip()}"
                     )
-                wake, end = np.fromfile(folder / "times", dtype=np.int64).reshape(-1, 2).T
-                return Paced(
-                    rate_Hz, wake, end - wake, end, dict(line.split(" ", 1) for line in done.stdout.splitlines())
-                )
+                wake, end = np.fromfile(folder / "times", dtype=np.int64).reshape(-1, 2).T / 1e3
+                return wake, end, dict(line.split(" ", 1) for line in done.stdout.splitlines())
 
-            return RealTime(paced(), paced("null"))
+            (wake, end, allowed), (_, null, _) = paced(), paced("null")
+        times = {"wake-up": wake, "service": end - wake, "response": end, "null response": null}
+        return RealTime(rate_Hz, times, allowed)
 
 
 def histogram(times_us: Vector) -> dict[float, int]:
