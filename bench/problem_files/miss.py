@@ -12,6 +12,7 @@ from piezo_model.atomic_file import replacing
 from piezo_model.json_file import decoded
 from solvers import Lane, Solver, get
 from solvers.arrays import Vector
+from solvers.protocol import dense
 
 
 @dataclass(frozen=True)
@@ -45,8 +46,8 @@ class Miss:
         """The answer (d,) now, of this solver at these settings, or of another one that is ready to be set up."""
         solver = solver or get(self.solver, lane=Lane(self.lane), **decoded(self.settings, dict[str, Any]))
         solver.setup(self.first)
-        P = _dense(self.qp.P)
-        solver.update(P=None if np.array_equal(P, _dense(self.first.P)) else P, q=self.qp.q)  # as the race did
+        P, q = dense(self.qp)
+        solver.update(P=None if np.array_equal(P, dense(self.first)[0]) else P, q=q)  # as the race did
         return np.array(solver.solve())
 
     def gap(self, x: Vector) -> float:
@@ -67,7 +68,3 @@ class Miss:
             solver, lane, settings = (str(data[name]) for name in ("solver", "lane", "settings"))
             first, qp = (unpacked_program(data, prefix) for prefix in ("first/", ""))
             return cls(solver, lane, settings, first, qp, data["x"], data["optimum"], float(data["unit"]))
-
-
-def _dense(P: Any) -> Any:
-    return P if isinstance(P, np.ndarray) else P.toarray()

@@ -47,8 +47,6 @@ from solvers.registry import FAMILIES, Described
 
 Tell = Callable[[Task], None]
 """Called with each task before it starts."""
-Save = Callable[..., None]
-"""Called with each task, its outcome and the data of its calls."""
 LONGEST_INTERLEAVED_US = 1000.0
 """Longest hot answer of an interleaved solver on any problem: caches hardly affect longer ones."""
 PREFERRED = (Tier.HIGH, Tier.MID)
@@ -144,7 +142,12 @@ class Part:
         return Effort(1.0, 1, self.calls) if timing == "long" else self.settings.effort
 
     def _ladder(
-        self, part: PartFile, save: Save, pool: SolverPool, tell: Tell, tasks: Sequence[tuple[Task, FreshData]]
+        self,
+        part: PartFile,
+        save: Callable[..., None],
+        pool: SolverPool,
+        tell: Tell,
+        tasks: Sequence[tuple[Task, FreshData]],
     ) -> None:
         """Measure the settings of one solver lane."""
         end = ""
