@@ -8,13 +8,12 @@ who gave the answers, nor that statuses, iterations or times are true.
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from bench.derived.tiers import TOLERANCE
-from bench.messages.task import Progress, Status, silent
+from bench.messages.task import Progress, Status
 from bench.problems.fresh import mixture
 from bench.problems.protocol import RaceProblem
 from bench.race_table import MISSES
@@ -32,21 +31,10 @@ TIMED = ("timed_gap", "timed_violation", *OF_MODELS[3:])
 """Columns that follow from a first answer, and from a timed one."""
 
 
-@dataclass(frozen=True)
-class Verified:
-    """How much of a run was judged again."""
-
-    rows: int
-    first: int
-    timed: int
-    """Numbers of rows, of their first answers, and of their timed answers."""
-    proofs: int
-    wrong: tuple[str, ...]
-    """A sentence for each row, or proof, that does not agree."""
-
-
-def verify_run(run: Run, progress: Progress = silent) -> Verified:
-    """Judge every stored answer of a run again; RunError for a missing problem."""
+def verify_run(run: Run, progress: Progress) -> dict[str, Any]:
+    """Judge every stored answer of a run again: the numbers of ``rows``, of their ``first`` and ``timed`` answers, and
+    of ``proofs``, and in ``wrong`` a sentence for each row, or proof, that does not agree. RunError for a missing
+    problem."""
     rows = run.rows()
     by_problem, wrong, proofs = rows.groupby(["problem_set", "problem"], sort=False), list[str](), 0
     for done, ((problem_set, name), group) in enumerate(by_problem):
@@ -61,7 +49,7 @@ def verify_run(run: Run, progress: Progress = silent) -> Verified:
             for why in _wrong(problem, row)
         ]
     first, timed = sum(rows.answer.map(len) > 0), sum(rows.timed_call >= 0)
-    return Verified(len(rows), int(first), int(timed), proofs, tuple(wrong))
+    return {"rows": len(rows), "first": int(first), "timed": int(timed), "proofs": proofs, "wrong": wrong}
 
 
 def _wrong(problem: RaceProblem, row: dict[Any, Any]) -> Iterator[str]:

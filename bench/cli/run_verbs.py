@@ -32,14 +32,15 @@ def verify_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")],
     """
     with progress_bar() as progress:
         verified = verification.verify_run(open_run(run), progress)
-    if verified.wrong:
-        more = f", and {len(verified.wrong) - 1} more" if len(verified.wrong) > 1 else ""
-        raise RunError(f"{run} does not agree with its answers: {verified.wrong[0]}{more}")
-    lines = [
-        f"{verified.rows} rows: {verified.first} first and {verified.timed} timed answers were judged again against "
-        f"{verified.proofs} replayed proofs, and all give the stored gaps, violations and errors of the model."
-    ]
-    print_result(vars(verified), as_json, *lines)
+    if wrong := verified["wrong"]:
+        more = f", and {len(wrong) - 1} more" if len(wrong) > 1 else ""
+        raise RunError(f"{run} does not agree with its answers: {wrong[0]}{more}")
+    print_result(
+        verified,
+        as_json,
+        "{rows} rows: {first} first and {timed} timed answers were judged again against {proofs} replayed proofs, and "
+        "all give the stored gaps, violations and errors of the model.".format_map(verified),
+    )
 
 
 def compare_verb(
@@ -115,23 +116,23 @@ def _compare_versions(
         result = versions.compare_versions(
             files, list(problems.make(problem_set, seed).problems()), smallest, seed, progress
         )
-    a, b = files
+    (a, b), finding = files, result["finding"]
     verdicts = {
         FASTER: f"{b} is faster than {a}",
         SLOWER: f"{b} is slower than {a}",
         SAME: f"{b} takes as long as {a}, within a ratio of {smallest:g}",
     }
     lines = [
-        f"{verdicts.get(result.finding, 'The times vary too much to tell')}: the ratio of their times is "
-        f"{result.ratio:.3f}, 95 % interval {result.low:.3f} to {result.high:.3f} ({result.us[1]:.3g} and "
-        f"{result.us[0]:.3g} µs).",
-        f"Largest error of a first answer: {b} {result.gap[1]:.1e}, {a} {result.gap[0]:.1e}.",
-        f"{b} is less accurate than {a}." if result.less_accurate else "",
+        f"{verdicts.get(finding, 'The times vary too much to tell')}: the ratio of their times is "
+        f"{result['ratio']:.3f}, 95 % interval {result['low']:.3f} to {result['high']:.3f} ({result['us'][1]:.3g} and "
+        f"{result['us'][0]:.3g} µs).",
+        f"Largest error of a first answer: {b} {result['gap'][1]:.1e}, {a} {result['gap'][0]:.1e}.",
+        f"{b} is less accurate than {a}." if result["less_accurate"] else "",
     ]
-    print_result({**vars(result), "less_accurate": result.less_accurate}, as_json, *lines)
-    if result.finding == SLOWER or result.less_accurate or (fail_on == "difference" and result.finding == FASTER):
+    print_result(result, as_json, *lines)
+    if finding == SLOWER or result["less_accurate"] or (fail_on == "difference" and finding == FASTER):
         return FAILED if fail_on != "nothing" else 0
-    return UNDECIDED if fail_on != "nothing" and result.finding not in verdicts else 0
+    return UNDECIDED if fail_on != "nothing" and finding not in verdicts else 0
 
 
 def deploy_verb(

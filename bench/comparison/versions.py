@@ -11,14 +11,15 @@ show that (T. Mytkowicz et al., "Producing wrong data without doing anything obv
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.stats import t as student
 
 from bench.comparison.compare import SAME, finding
-from bench.messages.task import Progress, RaceError, Task, default_setting, silent
+from bench.messages.task import Progress, RaceError, Task, default_setting
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import RaceProblem
 from bench.processes.solver_child import STANDARD, SolverChild, SolverPool, entry_of_file
@@ -37,30 +38,18 @@ EXACT, FAR = 1e-12, 10.0
 """Relative error of the tightest tier, and the ratio of errors that is no rounding."""
 
 
-@dataclass(frozen=True)
-class VersionComparison:
-    """The ratio of the times of version B to those of version A."""
-
-    ratio: float
-    low: float
-    high: float
-    """95 % interval."""
-    finding: str
-    us: tuple[float, float]
-    """Median time of a call of each version on the median problem."""
-    gap: tuple[float, float]
-    """Largest relative cost gap or violation of the first answers of each."""
-
-    @property
-    def less_accurate(self) -> bool:
-        """Whether version B errs by far more than A, and by more than the tightest tier permits."""
-        return self.gap[1] > max(EXACT, FAR * self.gap[0])
-
-
 def compare_versions(
-    files: Sequence[Path], problems: Sequence[RaceProblem], smallest: float, seed: int, progress: Progress = silent
-) -> VersionComparison:
+    files: Sequence[Path], problems: Sequence[RaceProblem], smallest: float, seed: int, progress: Progress
+) -> dict[str, Any]:
     """Compare two files with a solver each on the scaled problems.
+
+    Returns
+    -------
+    dict
+        The ``ratio`` of the times of the second version to those of the first, ``low`` and ``high``, its 95 % interval,
+        and the ``finding``; of each version ``us``, the median time of a call on the median problem, and ``gap``, the
+        largest relative cost gap or violation of its first answers; ``less_accurate``, whether the second errs by far
+        more, and by more than the tightest tier permits.
 
     Raises
     ------
@@ -80,15 +69,17 @@ def compare_versions(
     us = np.reshape(times, (PAIRS, len(problems), 2, BLOCKS))
     theta = np.median(np.median(np.log(us[:, :, 1] / us[:, :, 0]), axis=2), axis=1)
     mean, half = float(np.mean(theta)), float(student.ppf(0.975, PAIRS - 1) * np.std(theta, ddof=1) / PAIRS**0.5)
-    (first, second), worst = np.median(np.median(us, axis=3), axis=(0, 1)), np.max(gaps, axis=0)
-    return VersionComparison(
-        math.exp(mean),
-        math.exp(mean - half),
-        math.exp(mean + half),
-        SAME if abs(mean) + half < math.log(smallest) else finding(mean - half, mean + half, 0.0, smallest),
-        (float(first), float(second)),
-        (float(worst[0]), float(worst[1])),
-    )
+    medians, worst = np.median(np.median(us, axis=3), axis=(0, 1)), np.max(gaps, axis=0)
+    is_same = abs(mean) + half < math.log(smallest)
+    return {
+        "ratio": math.exp(mean),
+        "low": math.exp(mean - half),
+        "high": math.exp(mean + half),
+        "finding": SAME if is_same else finding(mean - half, mean + half, 0.0, smallest),
+        "us": medians.tolist(),
+        "gap": worst.tolist(),
+        "less_accurate": bool(worst[1] > max(EXACT, FAR * worst[0])),
+    }
 
 
 def _timed(
