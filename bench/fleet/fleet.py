@@ -56,16 +56,11 @@ class Item:
         """Path of the product; that of the row if the job makes no file."""
         return self.out / self.job.product.format(self.name) if self.job.product else self.row
 
-    @property
-    def further(self) -> Sequence[Path]:
-        """The files that are read beside the recording."""
-        return self.job.reads(self.name)
-
     def digest(self) -> str:
         """SHA-256 of everything that determines the product, and of the product."""
         settings = [version("piezobench"), type(self.job).__name__, asdict(self.job)]  # type: ignore[call-overload]
         hasher = hashlib.sha256(json.dumps(settings, sort_keys=True).encode())
-        inputs = (self.recording, *self.further)
+        inputs = (self.recording, *self.job.reads(self.name))
         for path in (*inputs, self.product) if self.job.product else inputs:
             with path.open("rb") as file:
                 hasher.update(hashlib.file_digest(file, "sha256").digest())
@@ -89,7 +84,7 @@ def row_of(item: Item) -> Row:
         figures = _stored(item)
         if figures is None:
             item.row.parent.mkdir(parents=True, exist_ok=True)
-            figures = item.job.do(item.recording, item.further, item.product)
+            figures = item.job.do(item.recording, item.job.reads(item.name), item.product)
             stored = json.dumps({"digest": item.digest(), "figures": json_file.packed(figures)})
             atomic_file.write_text(item.row, f"{stored}\n")
         return {**row, **figures}

@@ -221,7 +221,7 @@ class Outcome:
     settings: Mapping[str, Any] = field(default_factory=dict)
     """The solver's settings."""
     forbidden_actions: tuple[str, ...] = ()
-    """Sentences about forbidden actions of the process."""
+    """Sentences about forbidden actions of the process so far."""
     preemptions: int = 0
     """Number of preemptions while the process was timed."""
     answers: Matrix = field(default_factory=lambda: np.zeros((0, 0)))

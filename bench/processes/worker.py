@@ -73,13 +73,9 @@ def answer(request: Callable[..., Outcome], arguments: tuple[Any, ...]) -> Outco
     which nothing was compiled, loaded or allocated, and of these arguments; an exception becomes an outcome."""
     cls, *answered = _loaded
     outcome = attempt(lambda: request(cls, not answered, *arguments))
+    outcome.forbidden_actions = tuple(_actions)
     _loaded[1:] = [cls]
     return outcome
-
-
-def forbidden_actions() -> tuple[str, ...]:
-    """The forbidden actions in this process so far, as sentences."""
-    return tuple(_actions)
 
 
 def introduce(path: str) -> Entry | str:

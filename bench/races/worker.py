@@ -20,7 +20,6 @@ from qpsolvers import Problem
 from bench.messages.solver_info import real, solver_info
 from bench.messages.task import Outcome, Task, attempt
 from bench.problem_files.program import fields_of
-from bench.processes.worker import forbidden_actions
 from bench.timing.clock import no_garbage_collection, time_block, time_call, time_kernel
 from bench.timing.schedule import follow
 from solvers.protocol import Matrix, Solver, Vector
@@ -172,7 +171,6 @@ class TimedSolver:
             repeatable=bool(np.array_equal(self._first, again, equal_nan=True)),
             mutated=changed,
             times={"setup": np.array(self._setups, dtype=np.int64)},
-            forbidden_actions=forbidden_actions(),
         )
 
     def were_inputs_changed(self) -> bool:
