@@ -1,11 +1,30 @@
 """Options for what a file does not state, common to all ways of opening one."""
 
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
-from piezo_model.recordings.table import RecordingError, check_sample_time
+from piezo_model import checks
+from piezo_model.recordings.table import RecordingError
+from piezo_model.structure import SAMPLE_TIMES
 
 TIME_TOLERANCE = 0.01
 """Largest relative deviation of an interval from the sampling period."""
+LEAST_S, MOST_S = SAMPLE_TIMES
+VALID: Mapping[str, tuple[Callable[[Any], Any], str]] = {
+    **dict.fromkeys(
+        ("sample_time", "resample"),
+        (lambda seconds: LEAST_S <= seconds <= MOST_S, f"a sampling period from {LEAST_S:g} to {MOST_S:g} s"),
+    ),
+    "header_row": (lambda row: isinstance(row, int) and row >= 0, "the number of a row, or 0 for no header"),
+    "decimal": (lambda mark: mark in (".", ","), "the decimal mark '.' or ','"),
+    **dict.fromkeys(("input_unit", "output_unit", "time_unit"), (str.strip, "the name of a unit")),
+    **dict.fromkeys(("from_s", "to_s"), (lambda seconds: seconds > -math.inf, "a time in seconds")),
+    "decimate": (lambda step: isinstance(step, int) and step >= 1, "a whole number of at least 1"),
+    "time_tolerance": (lambda share: 0.0 < share < 0.5, "a fraction of the period between 0 and 0.5"),
+}
+"""What the value of an option must be: a test, and words."""
 
 
 @dataclass(frozen=True)
@@ -45,30 +64,17 @@ class ReadOptions:
 
     def __post_init__(self) -> None:
         """Refuse impossible values."""
-        for label, period in (("", self.sample_time), ("--resample: ", self.resample)):
-            if period is not None:
-                check_sample_time(label, period)
-        empty = [name for name in ("input", "output", "time") if (getattr(self, f"{name}_unit") or "?").isspace()]
-        for wrong, sentence in (
-            (
-                self.resample and self.sample_time,
-                "--resample needs a time column, which --sample-time replaces; give one of the two",
-            ),
-            (empty, f"the {' and '.join(empty)} unit must not be empty"),
-            (self.decimal not in (None, ".", ","), f"the decimal mark is '.' or ',', not {self.decimal!r}"),
-            (
-                (self.header_row or 0) < 0,
-                f"the header row must be at least 1, or 0 for no header, not {self.header_row}",
-            ),
-            (self.decimate is not None and self.decimate < 1, f"--decimate must be at least 1, not {self.decimate}"),
-            (
-                not (self.from_s or 0.0) < (float("inf") if self.to_s is None else self.to_s),
-                f"--from {self.from_s or 0.0:g} must be before --to {self.to_s or 0.0:g}",
-            ),
-            (
-                not 0.0 < self.time_tolerance < 0.5,
-                f"the time tolerance must be a fraction of the period between 0 and 0.5, not {self.time_tolerance}",
-            ),
-        ):
-            if wrong:
-                raise RecordingError(sentence)
+        with checks.refusing(RecordingError):
+            for name, (valid, what) in VALID.items():
+                if (value := getattr(self, name)) is not None:
+                    checks.require(valid, what, **{name: value})
+        checks.check(
+            self.resample is None or self.sample_time is None,
+            "--resample needs a time column, which --sample-time replaces; give one of the two",
+            RecordingError,
+        )
+        checks.check(
+            (self.from_s or 0.0) < (math.inf if self.to_s is None else self.to_s),
+            f"--from {self.from_s or 0.0:g} must be before --to {self.to_s or 0.0:g}",
+            RecordingError,
+        )

@@ -85,8 +85,8 @@ def open_tables(path: str | Path, options: ReadOptions) -> list[Table]:
     """
     path, format = Path(path), FORMATS[-1]
     try:
-        if path.is_dir():
-            raise RecordingError(f"{path}: is a folder, not a file")
+        if path.exists() and not path.is_file():  # a pipe would be waited for, and a device has no end
+            raise RecordingError(f"{path}: is a folder, a pipe or a device, not a file")
         with path.open("rb") as file:
             head = file.read(HEAD_BYTES)
         if not head:
@@ -107,7 +107,7 @@ def open_tables(path: str | Path, options: ReadOptions) -> list[Table]:
             f"{path}: is {format.name}, and reading it needs the package {error.name}: install piezobench[formats]"
         ) from None
     except (FileNotFoundError, PermissionError) as error:
-        why = f"cannot be read: {error.strerror}" if path.exists() else "no such file"
+        why = "no such file" if isinstance(error, FileNotFoundError) else f"cannot be read: {error.strerror}"
         raise RecordingError(f"{path}: {why}") from None
     except Exception as error:
         raise RecordingError(f"{path}: is {format.name}, and damaged: {first_line(error)}") from None
