@@ -3,7 +3,7 @@ samples, far from both neighbours and without effect on the other signal; and dr
 takes one value beyond all others.
 
 Unknown outputs are not counted, in gaps of any length, up to half of the rows. An unknown drive is interpolated over a
-few rows; after a longer gap the states of the operators are unknown, so its rows are cut out and a new part begins.
+few rows; after a longer gap the states of the operators are unknown, and the recording is refused.
 
 A real jump of the drive persists, recurs, or moves the output; a bad sample does none of this. A bad drive is replaced
 before the operators see it, and the sample is not counted.
@@ -12,22 +12,19 @@ before the operators see it, and the sample is not counted.
 import math
 
 import numpy as np
-from scipy import ndimage
 
 from piezo_model.recordings.rows import LEAST_ROWS, Rows
 from piezo_model.recordings.table import ABSURD, RecordingError
 from solvers.arrays import Index, Mask, Vector
 
-MOST_MISSING = 0.5
-"""Largest fraction of rows without an output, or cut out."""
+FILLED, MOST_MISSING = 0.01, 0.5
+"""Largest fraction of rows whose drive is interpolated, and largest fraction of rows without an output."""
 LONGEST_FILL = 10
 """Most consecutive missing values of the drive that are interpolated."""
-FILLED = 0.01
-"""Largest fraction of rows whose drive is interpolated."""
 MOST_BAD = 2
 """Most bad samples of a signal; more are a property of the signal."""
 FEWEST = 16
-"""Fewest rows between two gaps that are cut out."""
+"""Fewest new values of a sensor slower than the drive."""
 UNLIKE = 10.0
 """Smallest ratio of the steps to and from a bad sample to all other steps."""
 RETURN = 0.2
@@ -100,33 +97,25 @@ def _bad_value(rows: Rows, label: str, values: Vector) -> RecordingError:
 
 
 def interpolate_unknown(rows: Rows) -> None:
-    """Interpolate unknown values, which do not count, and cut out rows in long gaps of the drive.
+    """Interpolate unknown values, which do not count.
 
     Raises
     ------
     RecordingError
-        Too many values of the drive are unknown.
+        Too many unknown values of the drive, in all or in succession, or one in the first row.
     """
     for k, label in enumerate(rows.labels):
-        if not (bad := unknown(values := rows.signals[k])).any():
-            continue
-        long = np.zeros_like(bad)
-        if k == 0:
-            long = ndimage.binary_opening(bad, np.ones(LONGEST_FILL + 1))
-            long[: np.argmin(bad)] = True  # where no line can begin
-            segments = np.flatnonzero(np.diff(long, prepend=True, append=True)).reshape(-1, 2)
-            too_short = long.any() and (np.diff(segments).min() < FEWEST or len(rows.signals) == 1)
-            if too_short or np.count_nonzero(bad & ~long) > max(FILLED * rows.length, MOST_BAD):
-                raise _bad_value(rows, label, values)
-        for unlike, what in ((bad & ~long, "are interpolated and not counted in the fit"), (long, "are cut out")):
-            if (at := np.flatnonzero(unlike)).size:
-                rows.repairs.append(
-                    f"{label} is {_kind(values[at[0]])} in {rows.named(at)}: {at.size} of {rows.length} samples {what}"
+        if (bad := unknown(values := rows.signals[k])).any():
+            at, longest = np.flatnonzero(bad), np.diff(np.flatnonzero(~bad)).max(initial=1) - 1
+            if k == 0 and (bad[0] or longest > LONGEST_FILL or at.size > max(FILLED * rows.length, MOST_BAD)):
+                raise RecordingError(
+                    f"{_bad_value(rows, label, values)}; --from and --to read the rows before or after"
                 )
-        rows.replace(k, bad)
-        if long.any():
-            rows.starts = sorted({*rows.starts, *segments[1:, 0].tolist()})
-            rows.select(np.flatnonzero(~long))
+            rows.repairs.append(
+                f"{label} is {_kind(values[at[0]])} in {rows.named(at)}: {at.size} of {rows.length} samples are "
+                "interpolated and not counted in the fit"
+            )
+            rows.replace(k, bad)
 
 
 def discount_held_outputs(rows: Rows) -> None:

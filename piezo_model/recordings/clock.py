@@ -80,15 +80,15 @@ def sampling(rows: Rows, tolerance: float, even: bool = True) -> float:
     RecordingError
         Times that run backwards or stand still, or with ``even`` times with gaps or jitter.
     """
-    times, head, n = rows.times, rows.times[:WINDOW], rows.length
+    times, head, n, duration = rows.times, rows.times[:WINDOW], rows.length, float(rows.times[-1] - rows.times[0])
     for at in np.flatnonzero(times[1:] < times[:-1])[:1] + 1:
         before, after = map(rows.seconds, times[at - 1 : at + 1])
         raise rows.refusal(f"runs backwards in {rows.where(int(at))}: {after} follows {before}")
-    mean, (digit, exact) = float(times[-1] - times[0]) / (n - 1), printed_digit(head)
+    mean, (digit, exact) = duration / (n - 1), printed_digit(head)
     period = float(head[-1] - head[0]) / (head.size - 1)
     shows = _rounding_shows(np.diff(head), tolerance * period, period / digit)
     resolution = digit if shows else exact
-    if period == 0.0 or resolution > HIDDEN * float(times[-1] - times[0]):
+    if period == 0.0 or resolution > HIDDEN * duration:
         raise rows.refusal(
             f"stands still from {rows.where(0)} on, at {rows.seconds(times[0])}, or moves by few of its last digits; "
             "--time none and --sample-time state the period"
@@ -106,6 +106,11 @@ def sampling(rows: Rows, tolerance: float, even: bool = True) -> float:
     hidden = [*((stride, resolution) for stride in strides), (n // 2, WALK * resolution * math.sqrt(n // 2))]
     for stride, least in hidden if even else ():
         _refuse_uneven(rows, stride, period, least + stride * (tolerance * period + error))
+    if resolution > tolerance * duration:
+        rows.remarks.append(
+            f"{rows.time_label} has steps of {rows.seconds(resolution)}, so that the sampling period may be off by "
+            f"{100.0 * resolution / duration:.2g} %"
+        )
     check_sample_time(f"{rows.path}: {rows.time_label}: ", mean * rows.unit)
     return _shortest(mean * rows.unit, (resolution / (n - 1) + 1e-9 * mean) * rows.unit)
 

@@ -70,7 +70,7 @@ def open_table(path: str | Path, named: Mapping[str, str | None], options: ReadO
         for k, table in enumerate(tables, start=1)
     ]
     if options.table is not None:
-        query, titles = options.table.casefold(), [table.title.casefold() for table in tables]
+        query, titles = str(options.table).casefold(), [table.title.casefold() for table in tables]
         same = [k for k, title in enumerate(titles) if query in (title, str(k + 1))]
         fits = same or [k for k, title in enumerate(titles) if query in title]
         question = f"has {len(fits) or 'no'} tables {options.table!r}"
@@ -171,30 +171,17 @@ def _sampled(rows: Rows, period: float, options: ReadOptions) -> float:
     interpolate_unknown(rows)
     refuse_sorted(rows)
     begin_parts(rows, even=options.resample is None)
-    drop_repeats(rows, least_same=1.0)
-    sample_time = _sampling(rows, period, options)
+    drop_repeats(rows)
+    if rows.length < 2:
+        raise RecordingError(
+            f"{rows.path}: has {'1 data row' if rows.length else 'no data rows'}, and a recording needs two"
+        )
+    sample_time = sampling(rows, options.time_tolerance, options.resample is None) if rows.time_label else period
     discount_held_outputs(rows)
     replace_bad_samples(rows)
     if options.strict and rows.repairs:
         raise RecordingError(f"{rows.path}: {rows.repairs[0]}; without --strict it is repaired")
     return sample_time if options.resample is None else _resampled(rows, options.resample, options)
-
-
-def _sampling(rows: Rows, period: float, options: ReadOptions) -> float:
-    """The sampling period by the times, after rows that only repeat the previous one are dropped; ``period`` for rows
-    without times."""
-    if rows.length < 2:
-        raise RecordingError(
-            f"{rows.path}: has {'1 data row' if rows.length else 'no data rows'}, and a recording needs two"
-        )
-    if not rows.time_label:
-        return period
-    try:
-        return sampling(rows, options.time_tolerance, even=options.resample is None)
-    except RecordingError:
-        if not drop_repeats(rows):
-            raise
-    return _sampling(rows, period, options)
 
 
 def _resampled(rows: Rows, period: float, options: ReadOptions) -> float:
@@ -223,65 +210,57 @@ def _resampled(rows: Rows, period: float, options: ReadOptions) -> float:
 
 def split_name(text: str) -> tuple[Path, str | None]:
     """File and column of ``FILE`` or ``FILE:COLUMN``."""
-    file, _, column = text.rpartition(":")
-    return (Path(file), column) if file and Path(file).is_file() else (Path(text), None)
+    file, _, column = str(text).rpartition(":")
+    return (Path(file), column) if file and Path(file).is_file() else (Path(str(text)), None)
 
 
 def joined(
     input: str, output: str, time: str | None, options: ReadOptions
 ) -> tuple[Table, dict[str, str], dict[str, str]]:
-    """A table of time, drive and sensor from two files, as an oscilloscope writes its channels, at those times of the
-    first file that both cover; and by role the number of its column, and the reason of a guess.
+    """A table of time, drive and sensor from two files of equal times, as an oscilloscope writes its channels; and by
+    role the number of its column, and the reason of a guess.
 
     Raises
     ------
     RecordingError
-        Columns that cannot be determined, different numbers of rows without times, or no time in common.
+        Columns that cannot be determined, or different numbers of rows or times.
     """
-    (first, times, x), (second, times_y, y) = (_channel(name, time, options) for name in (input, output))
+    (first, (*times, x)), (second, (*times_y, y)) = (_channel(name, time, options) for name in (input, output))
     table, path = first.table, f"{first.table.path} and {second.table.path}"
-    repairs, where = (*table.repairs, *second.table.repairs), table.where
-    if not (times.size and times_y.size):
-        if x.size != y.size:
-            raise RecordingError(f"{path}: have {x.size} and {y.size} rows, and no times by which they could be joined")
-    elif times.size != times_y.size or (
-        np.abs(times - times_y).max() > options.time_tolerance * np.ptp(times) / times.size
-    ):
-        common = np.flatnonzero((times >= times_y[0]) & (times <= times_y[-1]))
-        if common.size < 2 or any((np.diff(clock) < 0.0).any() for clock in (times, times_y)):
-            raise RecordingError(f"{path}: have no time in common, or times that run backwards in one of them")
-        near = is_near(times[common], times_y, float(np.median(np.diff(times))))
-        y = np.where(near, np.interp(times[common], times_y, y), np.nan)
-        times, x, where = times[common], x[common], lambda row: table.where(int(common[row]))
-        repairs += (f"the output is interpolated at the {times.size} times of the input that both files have",)
-    signals = [(of.table.path, of.table.columns[of.columns["reference"]]) for of in (first, second)]
-    columns = [replace(column, name=f"{of}/{column.name}", nested=True, rows=None) for of, column in signals]
-    arrays = [x, y]
-    if times.size:
-        clock = first.columns["time"]
-        arrays.insert(0, times / seconds_per_unit(table, clock, options))
-        columns.insert(0, replace(table.columns[clock], name="time", nested=False, rows=None))
-    named = {"time": "1" if times.size else NO_CLOCK, "input": str(len(arrays) - 1), "output": str(len(arrays))}
+    clocks = [
+        clock * seconds_per_unit(of.table, of.columns["time"], options)
+        for of, read in ((first, times), (second, times_y))
+        for clock in read
+    ]
+    apart = np.ptp(clocks, axis=0).max() if clocks and x.size > 1 and x.size == y.size else 0.0
+    if x.size != y.size or (clocks and apart > options.time_tolerance * np.ptp(clocks) / x.size):
+        raise RecordingError(
+            f"{path}: have {x.size} and {y.size} rows, or different times; two files are one recording if each row of "
+            "one was sampled with that of the other"
+        )
+    sources = [*((first, k) for k in first.columns.values()), (second, second.columns["reference"])]
+    columns = [
+        replace(column, name=f"{of.table.path}/{column.name}", nested=True, rows=None)
+        for of, column in ((of, of.table.columns[k]) for of, k in sources)
+    ]
+    arrays = [*times, x, y]
+    named = {"time": "1" if times else NO_CLOCK, "input": str(len(arrays) - 1), "output": str(len(arrays))}
     reasons = {
         "time" if key == "time" else role: why
         for role, of in (("input", first), ("output", second))
         for key, why in of.reasons.items()
     }
-    form = f"two files, the first {table.form}"
-    return Table(path, form, tuple(columns), lambda at: [[arrays[k] for k in at]], where, repairs), named, reasons
+    form, repairs = f"two files, the first {table.form}", (*table.repairs, *second.table.repairs)
+    return Table(path, form, tuple(columns), lambda at: [[arrays[k] for k in at]], table.where, repairs), named, reasons
 
 
-def _channel(name: str, time: str | None, options: ReadOptions) -> tuple[Roles, Vector, Vector]:
-    """Roles, times in seconds (empty if the file has none) and values."""
+def _channel(name: str, time: str | None, options: ReadOptions) -> tuple[Roles, list[Vector]]:
+    """Roles, and the times, if the file has any, and values."""
     path, column = split_name(name)
     named = {"time": time, "reference": column}
     table = open_table(path, named, options)
     roles = choose_roles(table, named, options.sample_time is not None)
-    *times, values = table.read([*roles.columns.values()])
-    if not times:
-        return roles, np.empty(0), values
-    known = ~np.isnan(times[0])
-    return roles, times[0][known] * seconds_per_unit(table, roles.columns["time"], options), values[known]
+    return roles, table.read([*roles.columns.values()])
 
 
 def seconds_per_unit(table: Table, time: int, options: ReadOptions) -> float:

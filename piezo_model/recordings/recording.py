@@ -121,7 +121,7 @@ class Recording(Source):
         ----------
         path : str or Path, optional
             Of any format; the content determines it. Without it, ``input`` and ``output`` name two files, as ``FILE``
-            or ``FILE:COLUMN``; the output is interpolated at the times of the input that both have.
+            or ``FILE:COLUMN``, whose rows have the same times.
         time, input, output : str, optional
             Column names, parts of them that no other column has, paths such as ``group/channel``, or numbers counted
             from 1; guessed by default.

@@ -128,7 +128,7 @@ def choose_roles(table: Table, named: Mapping[str, str | None], sampled: bool = 
             f"{table.path}: with a sampling period the time column {named['time']!r} would not be read; give one of "
             "the two"
         )
-    roles = Roles(table, {role: find(table, role, name) for role, name in named.items() if name is not None})
+    roles = Roles(table, {role: find(table, role, str(name)) for role, name in named.items() if name is not None})
     if len(set(roles.columns.values())) < len(roles.columns):
         raise RecordingError(
             f"{table.path}: one column cannot serve as {' and '.join(roles.columns)}: "

@@ -19,12 +19,8 @@ LEAST_RETURN = 0.5
 """Smallest step back of the times at the end of a part, relative to its duration."""
 LEAST_PAUSE = 10.0
 """Shortest pause between two parts, in sampling periods and in neighbouring steps; a shorter one is a gap."""
-SAME_RATE = 0.02
-"""Largest relative difference of the sampling periods of two parts."""
 WINDOW = 65536
 """Rows from which the usual step is estimated."""
-SAME_VALUES = 0.9
-"""Smallest fraction of repeated time stamps that also repeat the values."""
 TO_AND_FRO, LEAST_JUMP = 10.0, 0.02
 """Travel of a signal that is no single run, and its smallest mean step if it is out of order, both in ranges."""
 
@@ -180,38 +176,19 @@ def begin_parts(rows: Rows, even: bool = True) -> None:
         many = "a pause" if pauses.size == 1 else f"{pauses.size} pauses"
         rows.repairs.append(f"{many} in its times, before {rows.named(pauses)}: a new part begins there")
     if later := rows.starts[1:]:
-        if even:
-            _refuse_other_rates(rows)
         first = later[0]
-        period = (times[first - 1] - times[0]) / (first - 1) if (steps[: first - 1] > 0.0).all() else usual
+        rising = first > 1 and (steps[: first - 1] > 0.0).all()
+        period = (times[first - 1] - times[0]) / (first - 1) if rising else usual
         leap = np.zeros(rows.length)
         leap[later] = period - steps[np.array(later) - 1]
         rows.times = times + np.cumsum(leap)
 
 
-def _refuse_other_rates(rows: Rows) -> None:
-    """Refuse parts whose mean sampling periods differ by more than the rounding of their ends."""
-    starts, ends = np.array(rows.starts), np.array([*rows.starts[1:], rows.length]) - 1
-    steps = np.maximum(ends - starts, 1)
-    means = (rows.times[ends] - rows.times[starts]) / steps
-    other = np.abs(means - means[0]) > (SAME_RATE + 1.0 / steps + 1.0 / steps[0]) * means[0]
-    for k in np.flatnonzero(other)[:1]:
-        raise rows.refusal(
-            f"has two sampling rates: one sample every {means[0]:.6g} in the first part and one every {means[k]:.6g} "
-            f"from {rows.where(int(starts[k]))} on; --resample interpolates to an even clock"
-        )
-
-
-def drop_repeats(rows: Rows, least_same: float = SAME_VALUES) -> bool:
-    """Drop rows that repeat the previous time, if at least this fraction also repeats its values; True if any were
-    dropped."""
+def drop_repeats(rows: Rows) -> None:
+    """Drop the rows that repeat the previous time, if all of them repeat its values, too."""
     again = np.flatnonzero(np.diff(rows.times) == 0.0) + 1
-    same = np.all([np.diff(signal)[again - 1] == 0.0 for signal in rows.signals], axis=0)
-    if not again.size or np.count_nonzero(same) < least_same * again.size:
-        return False
-    rows.repairs.append(
-        f"{again.size} of {rows.length} rows repeat the time of the previous row, nearly all with the same values, and "
-        "were dropped"
-    )
-    rows.select(np.delete(np.arange(rows.length), again))
-    return True
+    if again.size and not any(np.diff(signal)[again - 1].any() for signal in rows.signals):
+        rows.repairs.append(
+            f"{again.size} of {rows.length} rows repeat the time of the previous row and its values, and were dropped"
+        )
+        rows.select(np.delete(np.arange(rows.length), again))

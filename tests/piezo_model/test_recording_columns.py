@@ -186,6 +186,16 @@ def test_rounding_of_printed_times_and_jitter_within_the_tolerance_are_no_irregu
     assert found == pytest.approx(sample_time, rel=rel)
 
 
+@pytest.mark.parametrize(("rows", "share"), [(601, "1.7"), (2401, None)])
+def test_a_clock_of_few_steps_is_reported_with_the_uncertainty_of_the_period(
+    tmp_path: Path, rows: int, share: str | None
+) -> None:
+    times = [f"12:{k // 600:02d}:{k // 10 % 60:02d}" for k in range(rows)]
+    remarks = Recording.open(with_times(tmp_path, times)).remarks
+    sentence = f"time column 'time_s' has steps of 1 s, so that the sampling period may be off by {share} %"
+    assert remarks == ((sentence,) if share else ())
+
+
 def test_rows_that_are_written_twice_are_dropped_where_the_last_digit_is_a_period_long(tmp_path: Path) -> None:
     rows = sorted([*range(300), *range(0, 300, 5)])
     found = Recording.open(text_file(tmp_path, HEADER, *(f"0.{k:03d},{k % 7},{k % 5}" for k in rows)))
@@ -239,9 +249,17 @@ def test_a_reference_at_uneven_times_is_interpolated_too(tmp_path: Path) -> None
     ("options", "words"),
     [
         ({"resample": 1e-3, "sample_time": 1e-3}, "give one of the two"),
-        ({"resample": -1.0}, "the sampling period must be from"),
-        ({"input_unit": " "}, "the input unit must not be empty"),
+        ({"resample": -1.0}, "resample must be a sampling period from"),
+        ({"sample_time": "fast"}, "sample_time must be a sampling period from 1e-09 to 1e.09 s, not 'fast'"),
+        ({"input_unit": " "}, "input_unit must be the name of a unit, not ' '"),
         ({"time_tolerance": 0}, "between 0 and 0.5, not 0"),
+        ({"header_row": 1.5}, "header_row must be the number of a row, or 0 for no header, not 1.5"),
+        ({"decimate": "2"}, "decimate must be a whole number of at least 1, not '2'"),
+        ({"from_s": 3, "to_s": 2.5}, "--from 3 must be before --to 2.5"),
+        ({"from_s": "3"}, "from_s must be a time in seconds, not '3'"),
+        ({"header_row": 50}, "holds no data rows, or no names in row 50; --header-row says"),
+        ({"table": 7}, "has no tables 7; --table"),
+        ({"time": 7}, "has no column '7' for the time"),
     ],
 )
 def test_impossible_options_are_refused(tmp_path: Path, options: dict[str, Any], words: str) -> None:

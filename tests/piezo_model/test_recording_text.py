@@ -150,12 +150,8 @@ FILES: dict[str, tuple[bytes | str, dict]] = {
         {"input": "CH3", "output": "CH4"},
     ),
     "header by its row": (f"1,2,3\nnumbers,follow,below\n{HEADER}{rows('{t},{x},{y}')}", {"header_row": 3}),
-    "header without its line break": (
-        "# afmformats\n#\n# height (measured)\theight (piezo)\tsegment\ttime"
-        + rows("{y}\t{x}\t{flag}\t{t}", end="\r\n"),
-        {},
-    ),
-    "columns by number": (f"a,b,c\n{rows('{y},{t},{x}')}", {"time": "2", "input": "3", "output": "1"}),
+    "columns by number": (f"a,b,c\n{rows('{y},{t},{x}')}", {"time": 2, "input": "3", "output": 1}),
+    "header far above its rows": (f"{HEADER}# one\n# two\n\n# three\n# four\n{rows('{t},{x},{y}')}", {"header_row": 1}),
 }
 
 

@@ -208,9 +208,8 @@ def tables_of(source: Source, header_row: int | None, decimal: str | None) -> li
             if layout is not None:
                 tables.append(_table(source, encoding, lines, layout, region, mark + region.begin, end))
     if not tables and not source.sheet:
-        raise RecordingError(
-            f"{path}: holds no data rows, or none in its first lines; --header-row says which row names the columns"
-        )
+        where = f", or no names in row {header_row}" if header_row else ", or none in its first lines"
+        raise RecordingError(f"{path}: holds no data rows{where}; --header-row says which row names the columns")
     return tables
 
 
@@ -218,7 +217,6 @@ def _table(
     source: Source, encoding: str, lines: Sequence[str], layout: Layout, region: Region, begin: int, end: int
 ) -> Table:
     start = begin + sum(_size(line, encoding) for line in lines[: layout.start])
-    start += _size(lines[layout.start][: layout.glued], encoding)
     stop, dropped = end_of_rows(source, encoding, layout, start, end)
     header = region.line + (layout.header or 0) + 1
     clauses = {
@@ -226,7 +224,6 @@ def _table(
         f"separated by {SEPARATORS[layout.dialect.separator]}": not source.sheet,
         "decimal comma": layout.dialect.decimal == ",",
         "no header" if layout.header is None else f"header in row {header}": True,
-        "which also contains the first row": layout.glued,
     }
     form = ", ".join(clause for clause, holds in clauses.items() if holds)
     rows = TextRows(source, encoding, layout, start, stop, region.line)
