@@ -27,7 +27,7 @@ from piezo_model.recordings.rows import Rows
 from piezo_model.recordings.table import RecordingError, check_sample_time
 from piezo_model.structure import SMALLEST
 from piezo_model.units import conversion, quantity, shown
-from solvers.arrays import Mask, Vector, read_only, reals
+from solvers.arrays import Mask, Vector, read_only
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -238,15 +238,8 @@ class Recording(Source):
         """
         check_sample_time(f"{name}: ", sample_time)
         with checks.refusing(RecordingError, f"{name}: "):
-            signals = {"input": reals("input", x), "output": reals("output", y)}
-        shapes = [signal.shape for signal in signals.values()]
-        if shapes[0] != shapes[1] or len(shapes[0]) != 1 or not shapes[0][0]:
-            raise RecordingError(
-                f"{name}: input and output must be one-dimensional, of equal length and not empty, "
-                f"not of shapes {shapes[0]} and {shapes[1]}"
-            )
-        copies = [np.copy(signal) for signal in signals.values()]
-        rows = Rows(name, ["input", "output"], copies, "sample {}".format, np.arange(copies[0].size, dtype=float))
+            signals = [np.copy(signal) for signal in checks.vectors(input=x, output=y)]
+        rows = Rows(name, ["input", "output"], signals, "sample {}".format, np.arange(signals[0].size, dtype=float))
         for label, signal, most in zip(rows.labels, rows.signals, (0.0, MOST_MISSING), strict=True):
             last_known(rows, label, signal, most, arrays=True)
         if (missing := np.isnan(rows.signals[1])).any():
@@ -437,7 +430,7 @@ def read_reference(
 
 
 def _refuse_constant(label: str, values: Vector) -> None:
-    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
     if low == high:
         raise RecordingError(f"{label} is constant, all {values.size} values are {low:g}")
     if high - low < 2.0 * SMALLEST:

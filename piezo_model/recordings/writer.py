@@ -12,9 +12,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from piezo_model import checks
 from piezo_model.atomic_file import replacing
 from piezo_model.recordings.table import RecordingError
 
@@ -56,7 +56,11 @@ def write_table(path: str | Path, columns: Mapping[str, ArrayLike], remark: str 
     import pyarrow  # only here, since a program without files need not load it
     import pyarrow.parquet
 
-    table = pyarrow.table(_checked(path, columns))
+    checks.check(columns, f"{path}: a table needs at least one column", RecordingError)
+    with checks.refusing(RecordingError, f"{path}: "):
+        arrays = checks.vectors(**columns)
+        checks.finite_arrays(**dict(zip(columns, arrays, strict=True)))
+    table = pyarrow.table(arrays, [*columns])
     if remark:
         table = table.replace_schema_metadata({"remark": remark})
     write = _write_csv if path.suffix.lower() == ".csv" else pyarrow.parquet.write_table
@@ -65,24 +69,6 @@ def write_table(path: str | Path, columns: Mapping[str, ArrayLike], remark: str 
             write(table, file)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from None
-
-
-def _checked(path: Path, columns: Mapping[str, ArrayLike]) -> dict[str, NDArray[Any]]:
-    arrays = {name: np.asarray(values) for name, values in columns.items()}
-    if not arrays:
-        raise RecordingError(f"{path}: a table needs at least one column")
-    lengths = {name: array.shape for name, array in arrays.items()}
-    if any(len(shape) != 1 for shape in lengths.values()) or len(set(lengths.values())) > 1:
-        shapes = ", ".join(f"{name!r} {shape}" for name, shape in lengths.items())
-        raise RecordingError(f"{path}: columns must be one-dimensional and of equal length, not {shapes}")
-    for name, values in arrays.items():
-        label = f"{path}: column {name!r} holds"
-        if values.dtype.kind not in "iuf":
-            raise RecordingError(f"{label} {values.dtype}, where numbers are needed")
-        bad = np.flatnonzero(~np.isfinite(values))
-        if bad.size:
-            raise RecordingError(f"{label} {values[bad[0]]} in data row {bad[0] + 1}, where a finite number is needed")
-    return arrays
 
 
 def _write_csv(table: Any, file: BinaryIO) -> None:

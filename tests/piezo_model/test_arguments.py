@@ -250,11 +250,11 @@ WRONG_SETTINGS: dict[str, tuple[Callable[[], Any], str]] = {
     "a count of actuators": (lambda: CompensatorBank(STRUCTURE, 2.0), "count must be a whole number of at least 1"),
     "a folder that is absent": (lambda: BANK.save("absent/bank.json"), "^absent/bank.json: cannot be written: No such"),
     "words for weights": (lambda: HysteresisCreepModel.from_weights(STRUCTURE, "a"), "w must hold real numbers"),
-    "limits of a recording": (lambda: Recording.from_arrays([], [], T), "must be one-dimensional, .* and not empty"),
+    "limits of a recording": (lambda: Recording.from_arrays([], [], T), "input is constant, all 0 values"),
     "an infinite input": (lambda: Recording.from_arrays([0.0, np.inf], [0.0, 1.0], T), "input is infinite in sample 1"),
     "unequal lengths": (
         lambda: Recording.from_arrays(DRIVE, OUTPUT[:9], T),
-        "must be one-dimensional, of equal length",
+        "must be vectors of the same length, not of shapes",
     ),
 }
 

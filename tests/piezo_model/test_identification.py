@@ -223,7 +223,7 @@ X = a_drive(400)
         (X, X, {"lag": "later"}, "lag must be one of estimate, remove, ignore, not 'later'"),
         (np.arange(400) < 5, X, {"skip": 20}, "the drive does not move after the first 20 samples, which are skipped"),
         (X, np.arange(400) < 5, {"skip": 20}, "the output does not move after the first 20 samples, which are skipped"),
-        (X, X[:-1], {}, r"of equal length and not empty, not of shapes \(400,\) and \(399,\)"),
+        (X, X[:-1], {}, r"vectors of the same length, not of shapes \(400,\) and \(399,\)"),
         (X, None, {}, "identification from arrays needs x, y and a structure"),
         (Recording.from_arrays(X, X, 5e-3), X, {}, "a recording contains its output"),
         (

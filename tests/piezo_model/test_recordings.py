@@ -113,9 +113,9 @@ def test_arrays_are_copied() -> None:
 @pytest.mark.parametrize(
     ("x", "y", "sample_time", "sentence"),
     [
-        ([1, 2, 3], [1, 2], 1e-3, r"of equal length.*\(3,\) and \(2,\)"),
-        ([[1, 2]], [[1, 2]], 1e-3, "one-dimensional"),
-        ([], [], 1e-3, "not empty"),
+        ([1, 2, 3], [1, 2], 1e-3, r"vectors of the same length.*\(3,\) and \(2,\)"),
+        ([[1, 2]], [[1, 2]], 1e-3, "must be vectors"),
+        ([], [], 1e-3, "input is constant, all 0 values"),
         ([1, np.nan, 3], [1, 2, 3], 1e-3, "arrays: input is missing in sample 1"),
         ([1, 2, 3, np.nan, np.nan], [1, 2, 3, 4, 5], 1e-3, "input is missing in sample 3"),
         (np.ma.masked_equal([1, 2, 3, 4, 5], 2), [1, 2, 3, 4, 5], 1e-3, "input is missing in sample 1"),
@@ -296,10 +296,14 @@ def test_an_unreadable_file_is_refused(protected: Path) -> None:
         ("drive.xlsx", {"t": [0, 1]}, r"unknown suffix '.xlsx'; a table is written as .csv or .parquet"),
         ("drive", {"t": [0, 1]}, "unknown suffix ''"),
         ("drive.csv", {}, "needs at least one column"),
-        ("drive.csv", {"t": [0, 1], "u": [1]}, r"of equal length, not 't' \(2,\), 'u' \(1,\)"),
-        ("drive.csv", {"t": [[0, 1]]}, "one-dimensional"),
-        ("drive.csv", {"t": [0, 1], "u": [1, np.nan]}, "column 'u' holds nan in data row 2"),
-        ("drive.csv", {"t": ["a", "b"]}, "column 't' holds <U1, where numbers are needed"),
+        (
+            "drive.csv",
+            {"t": [0, 1], "u": [1]},
+            r"t and u must be vectors of the same length, not of shapes \(2,\) and \(1,\)",
+        ),
+        ("drive.csv", {"t": [[0, 1]]}, "t must be a vector"),
+        ("drive.csv", {"t": [0, 1], "u": [1, np.nan]}, r"u\[1\] is not a finite number"),
+        ("drive.csv", {"t": ["a", "b"]}, "t must hold real numbers, not <U1"),
         ("absent/drive.csv", {"t": [0, 1]}, "cannot be written: No such file"),
     ],
 )
