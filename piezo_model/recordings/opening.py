@@ -31,18 +31,15 @@ from piezo_model.recordings.rows import (
     begin_parts,
     drop_repeats,
     is_near,
-    refuse_sorted,
     run_starts,
     sort_by_time,
 )
-from piezo_model.recordings.table import ABSURD, FEW_ROWS, RecordingError, Table
-from piezo_model.units import LENGTHS, PREFIXES, VOLTAGES, canonical, quantity, seconds
+from piezo_model.recordings.table import FEW_ROWS, RecordingError, Table
+from piezo_model.units import LENGTHS, PREFIXES, VOLTAGES, canonical, seconds
 from solvers.arrays import Index, Vector
 
 MOST_NAMED = 8
 """Most columns that are named in a list of tables."""
-CLOCK_TOLERANCE = 0.01
-"""Largest relative difference between the durations by a time column and by the sampling period of the user."""
 MOST_VOLTS, MOST_METRES, LONGEST_PERIOD_S = 1e4, 1.0, 60.0
 """Largest voltage, travel and sampling period that need no confirmation."""
 GUESS = " (seconds assumed; override with --time-unit)"
@@ -116,15 +113,14 @@ def read_signals(
     stated = table.columns[next(iter(signals.values()))].sample_time
     period = options.sample_time or stated or 1.0
     selected, kept = _selected_rows(table, time, unit, period, options)
-    positions = [k for k in (time, *signals.values(), roles.unread) if k is not None]
-    columns = dict(zip(positions, table.read(positions, selected), strict=True))
+    columns = dict(zip(roles.columns, table.read([*roles.columns.values()], selected), strict=True))
     first, step = selected.start or 0, selected.step or 1
     rows = Rows(
         table.path,
         [f"column {table.names[k]!r}" for k in signals.values()],
-        [columns[k] for k in signals.values()],
+        [columns[role] for role in signals],
         lambda row: table.where(first + step * row),
-        np.arange(len(next(iter(columns.values()))), dtype=float) if time is None else columns[time],
+        np.arange(len(next(iter(columns.values()))), dtype=float) if time is None else columns["time"],
         "" if time is None else f"time column {table.names[time]!r}",
         unit,
         repairs=[*table.repairs],
@@ -134,8 +130,6 @@ def read_signals(
         rows.starts = [0, *(np.flatnonzero(np.diff(kept) > 1) + 1).tolist()]
     if selected != slice(None):
         rows.remarks.append(f"read from {rows.where(0)} on" + f", one row in {step}" * (step > 1))
-    if roles.unread is not None:
-        _refuse_other_clock(table, roles.unread, columns[roles.unread], period * step, options)
     del columns
     sample_time = _sampled(rows, period * step, options)
     is_number = time is not None and table.columns[time].kind == "number"
@@ -169,7 +163,6 @@ def _sampled(rows: Rows, period: float, options: ReadOptions) -> float:
     drop_incomplete_end(rows)
     sort_by_time(rows)
     interpolate_unknown(rows)
-    refuse_sorted(rows)
     begin_parts(rows, even=options.resample is None)
     drop_repeats(rows)
     if rows.length < 2:
@@ -297,19 +290,6 @@ def _selected_rows(
         )
     selected = slice(int(rows[0]), int(rows[-1]) + 1, options.decimate)
     return selected, np.flatnonzero(inside[selected])
-
-
-def _refuse_other_clock(table: Table, time: int, times: Vector, period: float, options: ReadOptions) -> None:
-    """Refuse a sampling period that contradicts a time column; a column that stands still is ignored."""
-    known = times[np.abs(times) < ABSURD]
-    by_clock = float(np.ptp(known)) * seconds_per_unit(table, time, options) if known.size else 0.0
-    by_option = (times.size - 1) * period
-    if by_clock > 0.0 and abs(by_clock - by_option) > CLOCK_TOLERANCE * by_clock:
-        raise RecordingError(
-            f"{table.path}: lasts {quantity(by_clock, 's')} by its time column {table.names[time]!r} and "
-            f"{quantity(by_option, 's')} by --sample-time {period:g}; omit --sample-time, or give --resample "
-            "if the times are uneven, or --time none if that column is not a clock"
-        )
 
 
 def _unit(table: Table, role: str, k: int, values: Vector, options: ReadOptions) -> str:

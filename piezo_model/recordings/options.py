@@ -38,7 +38,7 @@ class ReadOptions:
     """
 
     sample_time: float | None = None
-    """Sampling period in seconds; a time column is then ignored."""
+    """Sampling period in seconds of a file without a time column."""
     header_row: int | None = None
     """Row of a text or a sheet that names the columns, counted from 1; 0 for none."""
     decimal: str | None = None

@@ -75,8 +75,6 @@ class Roles:
     """By role."""
     reasons: dict[str, str] = field(default_factory=dict)
     """By role; not for roles that the user named."""
-    unread: int | None = None
-    """The time column by its name, if the sampling period is known without it."""
 
     @cached_property
     def candidates(self) -> list[int]:
@@ -123,11 +121,6 @@ def choose_roles(table: Table, named: Mapping[str, str | None], sampled: bool = 
     """
     if clockless := named.get("time") == NO_CLOCK:
         named = {**named, "time": None}
-    if sampled and named.get("time") is not None:
-        raise RecordingError(
-            f"{table.path}: with a sampling period the time column {named['time']!r} would not be read; give one of "
-            "the two"
-        )
     roles = Roles(table, {role: find(table, role, str(name)) for role, name in named.items() if name is not None})
     if len(set(roles.columns.values())) < len(roles.columns):
         raise RecordingError(
@@ -136,7 +129,11 @@ def choose_roles(table: Table, named: Mapping[str, str | None], sampled: bool = 
         )
     if "time" not in roles.columns and not clockless:
         _find_time_by_name(roles)
-    unread = roles.columns.get("time") if sampled else None
+    if sampled and "time" in roles.columns:
+        raise RecordingError(
+            f"{table.path}: has the time column {table.names[roles.columns['time']]!r}, which --sample-time or "
+            "--sample-rate would replace; omit these, or give --time none"
+        )
     if "reference" in named:
         _find_reference(roles, clockless or sampled)
     else:
@@ -149,9 +146,8 @@ def choose_roles(table: Table, named: Mapping[str, str | None], sampled: bool = 
         missing += ["time"] * ("time" not in roles.columns)
     if missing:
         raise RecordingError(_question(table, missing))
-    read = [role for role in named if role in roles.columns and not (sampled and role == "time")]
-    reasons = {role: why for role, why in roles.reasons.items() if role in read}
-    return Roles(table, {role: roles.columns[role] for role in read}, reasons, unread)
+    read = {role: roles.columns[role] for role in named if role in roles.columns and not (sampled and role == "time")}
+    return Roles(table, read, {role: why for role, why in roles.reasons.items() if role in read})
 
 
 def find(table: Table, role: str, named: str) -> int:

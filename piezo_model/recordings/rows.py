@@ -21,8 +21,6 @@ LEAST_PAUSE = 10.0
 """Shortest pause between two parts, in sampling periods and in neighbouring steps; a shorter one is a gap."""
 WINDOW = 65536
 """Rows from which the usual step is estimated."""
-TO_AND_FRO, LEAST_JUMP = 10.0, 0.02
-"""Travel of a signal that is no single run, and its smallest mean step if it is out of order, both in ranges."""
 
 
 def is_near(grid: Vector, times: Vector, period: float) -> Mask:
@@ -110,27 +108,6 @@ def run_starts(times: Vector) -> list[int]:
     steps = np.diff(times)
     against = steps < 0.0 if 2 * np.count_nonzero(steps < 0.0) < steps.size else steps > 0.0
     return [0, *(np.flatnonzero(against) + 1).tolist()]
-
-
-def refuse_sorted(rows: Rows) -> None:
-    """Refuse rows without times that are sorted by one signal while the other jumps back and forth.
-
-    Raises
-    ------
-    RecordingError
-        The order in time, which hysteresis needs, is lost.
-    """
-    if rows.time_label or rows.length < LEAST_ROWS or len(rows.signals) < 2:
-        return
-    for label, ordered, other in zip(rows.labels, rows.signals, rows.signals[::-1], strict=True):
-        steps, span = np.diff(ordered), float(np.ptp(other))
-        travel = float(np.abs(np.diff(other)).sum())
-        jumps = travel > LEAST_JUMP * rows.length * span or not steps.all()
-        if _monotonic(ordered) and travel > TO_AND_FRO * span > 0.0 and jumps:
-            raise RecordingError(
-                f"{rows.path}: {label} only {'rises' if steps.max() > 0.0 else 'falls'} while the other signal goes "
-                "back and forth: the rows are sorted by it, and their order in time, which hysteresis needs, is lost"
-            )
 
 
 def _monotonic(values: Vector) -> bool:

@@ -166,7 +166,8 @@ REFUSED: list[tuple[list[str], dict[str, Any], str]] = [
     (
         timed(EVEN),
         {"time": "1", "sample_time": 0.01},
-        "with a sampling period the time column '1' would not be read; give one of the two",
+        "has the time column 'time_s', which --sample-time or --sample-rate would replace; omit these, or give --time "
+        "none",
     ),
     # times
     (
@@ -247,11 +248,6 @@ REFUSED: list[tuple[list[str], dict[str, Any], str]] = [
     (waves(np.sort(np.random.default_rng(0).uniform(0, 0.4, 400))), {}, "interpolates to an even clock"),
     (waves(TWO_RATES), {"resample": 1e-3, "time": "none"}, "give --sample-time or --sample-rate"),
     (waves(TWO_RATES), {"resample": 1e3}, "makes 1 samples of 500 rows"),
-    (
-        waves(np.arange(500) * 1e-3),
-        {"sample_time": 1e-2},
-        "lasts 0.499 s by its time column 'time_s' and 4.99 s by --sample-time 0.01; omit",
-    ),
     # comments, headers and blank lines among the rows, which shift no row that is named
     (
         ["t;u;y", "0;1;2", "# pause", "t;u;y", "1;2;3", "", "2;x;4"],

@@ -131,12 +131,6 @@ def test_a_repair_is_named_with_its_row_and_refused_if_strict(tmp_path: Path, ki
 SHUFFLED = np.random.default_rng(0).permutation(N)
 SPOILED: dict[str, tuple[str, dict[str, Any], str]] = {
     "shuffled rows": (table(T[SHUFFLED], X[SHUFFLED], Y[SHUFFLED]), {}, "runs backwards"),
-    "sorted rows without times": (table(X[SLOW], Y[SLOW], header=HEADER[1:]), {"sample_time": 1e-3}, "order in time"),
-    "sorted by the sensor": (
-        table(*(v[np.argsort(-Y)] for v in (X, Y)), header=HEADER[1:]),
-        {"sample_time": 1e-3},
-        "only falls while the other signal",
-    ),
     "stamps that repeat and values that do not": (
         table(np.repeat(1.0371 * T[::4], 4), X, Y),
         {},
@@ -187,7 +181,6 @@ SPOILED: dict[str, tuple[str, dict[str, Any], str]] = {
     "lost decimal marks of the times": (table(np.round(T * 1e6), X, Y, digits=12), {}, "one sample every 5000 s; is a"),
     "a resampling by mistake": (CLEAN, {"resample": 1e-6}, "makes 9995001 samples of 2000 rows"),
     "no rows in a part": (CLEAN, {"from_s": 50.0}, "has 0 rows after --from 50"),
-    "a period that the clock contradicts": (CLEAN, {"sample_time": 0.1}, "lasts 9.995 s by its time column"),
     "a length for a unit of time": (table(T, X, Y), {"time_unit": "um"}, "'um', .* of time; --time-unit"),
     "a zero byte": (CLEAN.replace("time_s", "t\0ime_s"), {}, "neither plain text"),
     "a name that two columns have": (

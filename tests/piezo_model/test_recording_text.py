@@ -130,7 +130,10 @@ FILES: dict[str, tuple[bytes | str, dict]] = {
     "seven digits": (HEADER + rows("{t},{x},{y}", times=[f"{t:.7g}" for t in T + 8.5]), {}),
     "no time": (f"voltage_V,height_um\n{rows('{x},{y}')}", {"sample_time": 1 / RATE}),
     "no time but a rate": (f"# Sampling rate [kHz]: 0.997\nvoltage_V,height_um\n{rows('{x},{y}')}", {}),
-    "clock that is not believed": (f"time_s,voltage_V,height_um\n{rows('0,{x},{y}')}", {"sample_time": 1 / RATE}),
+    "clock that is not believed": (
+        f"time_s,voltage_V,height_um\n{rows('0,{x},{y}')}",
+        {"sample_time": 1 / RATE, "time": "none"},
+    ),
     "preamble of names and numbers": (f"Kp,Ki,Kd\n1.5,20,0.003\n{HEADER}{rows('{t},{x},{y}')}", {}),
     "numbers above the header": (f"1,2,3\nGain,10,3\n\n{HEADER}{rows('{t},{x},{y}')}", {}),
     "table of another kind below": (

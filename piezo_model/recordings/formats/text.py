@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import islice
+from itertools import islice, takewhile
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -288,17 +288,17 @@ def blocks_of(source: Source, encoding: str, start: int, stop: int) -> Iterator[
 def end_of_rows(source: Source, encoding: str, layout: Layout, start: int, size: int) -> tuple[int, int]:
     """Byte after the last row of a table that ends before ``size``, and the number of lines below it that are not rows:
     a remark or a truncated row, but not several rows of another width."""
-    dialect = layout.dialect
     begin = max(start, size - TAIL_BYTES)
     begin += (begin - start) % (2 if encoding.startswith("utf-16") else 1)
-    lines = [line for block in blocks_of(source, encoding, begin, size) for line in LINE.findall(block)]
-    dropped, truncated, stop = 0, 0, size
-    for line in reversed(lines[begin > start :]):
-        kinds = dialect.kinds(line)
-        has_values = not VALUES.isdisjoint(kinds)
-        if has_values and len(kinds) >= len(layout.columns):
-            return (stop, dropped) if truncated <= MOST_TRUNCATED else (size, 0)
-        truncated += has_values
-        dropped += bool(re.search(r"\w", line))
-        stop -= len(line.encode(encoding, errors="replace"))
-    return size, 0
+    lines = [line for block in blocks_of(source, encoding, begin, size) for line in LINE.findall(block)][
+        begin > start :
+    ]
+
+    def width(line: str) -> int:
+        kinds = layout.dialect.kinds(line)
+        return 0 if VALUES.isdisjoint(kinds) else len(kinds)
+
+    below = [*takewhile(lambda line: width(line) < len(layout.columns), reversed(lines))]
+    if len(below) == len(lines) or sum(width(line) > 0 for line in below) > MOST_TRUNCATED:
+        return size, 0
+    return size - sum(_size(line, encoding) for line in below), sum(bool(re.search(r"\w", line)) for line in below)

@@ -1,12 +1,10 @@
-"""Excel workbooks (.xlsx). Each sheet is converted to tab-separated text, and may contain tables below or beside each
-other."""
+"""Excel workbooks (.xlsx). Each sheet is converted to tab-separated text, and may contain tables below each other."""
 
 import datetime
 import io
 import zipfile
 from collections.abc import Iterator, Sequence
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +14,6 @@ from piezo_model.recordings.formats.text import Source, tables_of
 from piezo_model.recordings.table import RecordingError, Table, check_size
 
 DAY_US, DAY_0 = 86400e6, np.datetime64("1899-12-30", "us")
-LEAST_COLUMNS = 3
-"""Fewest columns of each of several adjacent tables."""
 MOST_CELLS = 20_000_000
 LARGE, DENSEST = 10_000_000, 30
 """Bytes of a member of a workbook, and its largest plausible compression: numbers are compressed ninefold."""
@@ -48,8 +44,7 @@ def open_workbook(path: Path, header_row: int | None) -> list[Table]:
 
 
 def _texts(path: Path, sheets: Sequence[Any]) -> Iterator[tuple[str, bytes]]:
-    """Names and texts of sheets with their true sizes, whatever the file states, without empty columns around them;
-    adjacent tables with an empty column between them are separate texts."""
+    """Names and texts of sheets with their true sizes, whatever the file states, without empty columns around them."""
     cells = 0
     for sheet in sheets:
         sheet.reset_dimensions()
@@ -61,13 +56,10 @@ def _texts(path: Path, sheets: Sequence[Any]) -> Iterator[tuple[str, bytes]]:
                 raise RecordingError(f"{path}: has more than {MOST_CELLS} cells up to sheet {sheet.title!r}")
         # many cells can refer to one long text, and each letter is looked at many times
         check_size(path, sum(100 * len(cell) for row in rows for cell in row if isinstance(cell, str)))
-        used = sorted({k for row in rows for k, cell in enumerate(row) if cell is not None} or {0})
-        gaps = [k for k, (left, right) in enumerate(pairwise(used), start=1) if right > left + 1]
-        sides = [used[a:b] for a, b in pairwise([0, *gaps, len(used)])]
-        for side in sides if min(map(len, sides)) >= LEAST_COLUMNS else [used]:
-            first, end = side[0], side[-1] + 1
-            lines = ("\t".join(map(_text, (*row, *[None] * (end - len(row)))[first:end])) for row in rows)
-            yield sheet.title, "".join(f"{line}\n" for line in lines).encode()
+        used = {k for row in rows for k, cell in enumerate(row) if cell is not None} or {0}
+        first, end = min(used), max(used) + 1
+        lines = ("\t".join(map(_text, (*row, *[None] * (end - len(row)))[first:end])) for row in rows)
+        yield sheet.title, "".join(f"{line}\n" for line in lines).encode()
 
 
 def _text(cell: Any) -> str:
