@@ -9,7 +9,7 @@ Table                     named columns (`array_table`, also of `Recording.of`; 
  │   Table.read           the chosen columns as float64, clocks as seconds (`clock_cells`)
  ▼
 Rows                      times and signals
- │   opening.read_signals unknown and bad values (`bad_values`), order, repeats and parts (`rows`), the period
+ │   opening.read_signals unknown and bad values (`bad_values`), repeats and parts (`rows`), the period
  │                        (`clock`), an even clock, a question if the values are implausible for their units
  ▼
 Recording(x, y)           with starts, uncounted and remarks (`recording`; in two files: `opening.joined`)

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -62,12 +63,10 @@ def table_of(path: Path | str, contents: Arrays) -> Table:
             check_sample_time(f"{path}: ", period)
         if not isinstance(array, np.ndarray):  # only shape and type are known
             array = np.broadcast_to(np.empty((), array.dtype), array.shape)
-        for label, values in _columns(name, array):
+        for label, values in islice(_columns(name, array), MOST_COLUMNS + 1):
             about = {"kind": KINDS[values.dtype.kind], "rows": len(values), "sample_time": period}
             columns.append(Column.named(label, contents.units.get(name, ""), nested=contents.nested, **about))
             sources.append((name, label))
-            if len(columns) > MOST_COLUMNS:
-                raise RecordingError(f"{path}: has more than {MOST_COLUMNS} columns, the limit for a recording")
     unread = [
         f"{printable(name or 'array')!r} ({' x '.join(map(str, array.shape)) or 'one value'}, {array.dtype.name})"
         for name, array in arrays.items()

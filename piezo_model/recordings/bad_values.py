@@ -120,7 +120,7 @@ def interpolate_unknown(rows: Rows) -> None:
 
 def discount_held_outputs(rows: Rows) -> None:
     """Count only the changes of an output that holds each value for equally many rows while the drive moves."""
-    if len(rows.signals) < 2 or rows.length < LEAST_ROWS:
+    if len(rows.signals) < 2:
         return
     drive, output = (np.diff(signal[:SHOWN]) for signal in rows.signals)
     steps = output[fresh := np.flatnonzero(output)]
@@ -141,8 +141,6 @@ def discount_held_outputs(rows: Rows) -> None:
 
 def replace_bad_samples(rows: Rows) -> None:
     """Report and interpolate dropouts and isolated bad samples."""
-    if rows.length < LEAST_ROWS:
-        return
     for k, (label, values) in enumerate(zip(rows.labels, rows.signals, strict=True)):
         if k and (dropped := _dropped_out(values, rows.signals[0])).any():
             rows.repairs.append(

@@ -83,7 +83,7 @@ def sampling(rows: Rows, tolerance: float, even: bool = True) -> float:
     times, head, n, duration = rows.times, rows.times[:WINDOW], rows.length, float(rows.times[-1] - rows.times[0])
     for at in np.flatnonzero(times[1:] < times[:-1])[:1] + 1:
         before, after = map(rows.seconds, times[at - 1 : at + 1])
-        raise rows.refusal(f"runs backwards in {rows.where(int(at))}: {after} follows {before}")
+        raise rows.refusal(f"runs backwards in {rows.where(int(at))}: {after} follows {before}; sort the rows by time")
     mean, (digit, exact) = duration / (n - 1), printed_digit(head)
     period = float(head[-1] - head[0]) / (head.size - 1)
     shows = _rounding_shows(np.diff(head), tolerance * period, period / digit)

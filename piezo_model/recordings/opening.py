@@ -2,8 +2,8 @@
 repaired and reported if that is safe, or refused with the row. Values that are implausible for their units are
 questioned.
 
-The repairs in order: unknown values (`bad_values`), the order of rows, parts and repeated stamps (`rows`), the clock
-(`clock`), isolated bad samples (`bad_values`), and an even clock by linear interpolation within each part,
+The repairs in order: unknown values (`bad_values`), parts and repeated stamps (`rows`), the clock (`clock`), isolated
+bad samples (`bad_values`), and an even clock by linear interpolation within each part,
 
     y(t_0 + k T) = y_i + (y_{i+1} − y_i) (t_0 + k T − t_i) / (t_{i+1} − t_i),   t_i ≤ t_0 + k T ≤ t_{i+1}.
 """
@@ -27,12 +27,11 @@ from piezo_model.recordings.clock import sampling
 from piezo_model.recordings.options import ReadOptions
 from piezo_model.recordings.roles import NO_CLOCK, Roles, choose_roles
 from piezo_model.recordings.rows import (
+    LEAST_ROWS,
     Rows,
     begin_parts,
     drop_repeats,
-    is_near,
     run_starts,
-    sort_by_time,
 )
 from piezo_model.recordings.table import FEW_ROWS, RecordingError, Table
 from piezo_model.units import LENGTHS, PREFIXES, VOLTAGES, canonical, seconds
@@ -43,6 +42,8 @@ MOST_NAMED = 8
 MOST_VOLTS, MOST_METRES, LONGEST_PERIOD_S = 1e4, 1.0, 60.0
 """Largest voltage, travel and sampling period that need no confirmation."""
 GUESS = " (seconds assumed; override with --time-unit)"
+NEAR = 0.75
+"""Largest distance of an interpolated value from a measured one, in sampling periods, at which it is counted."""
 MOST_SAMPLES = 1_000_000_000
 MOST_MULTIPLIED, ON_A_ROW = 10, 1e-6
 """Largest ratio of samples to rows that needs no confirmation; distance from a row, in rows, of a sample that is on
@@ -107,6 +108,11 @@ def read_signals(
     roles = choose_roles(table, named, options.sample_time is not None)
     time = roles.columns.get("time")
     signals = {role: k for role, k in roles.columns.items() if role != "time"}
+    if time is not None and options.sample_time is not None:
+        raise RecordingError(
+            f"{table.path}: has the time column {table.names[time]!r}, which --sample-time or --sample-rate would "
+            "replace; omit these, or give --time none"
+        )
     if time is None and options.resample is not None:
         raise RecordingError(f"{table.path}: --resample needs a time column, and there is none; name it with --time")
     unit = 1.0 if time is None else seconds_per_unit(table, time, options)
@@ -154,14 +160,13 @@ def read_signals(
         "remarks": (*rows.remarks, *rows.repairs),
         "guessed_seconds": guessed,
     }
-    units = [_unit(table, *item, values, options) for item, values in zip(signals.items(), rows.signals, strict=True)]
-    return about, rows, units
+    of = zip(signals.items(), rows.signals, strict=True)
+    return about, rows, [_unit(table, *signal, values, options) for signal, values in of]
 
 
 def _sampled(rows: Rows, period: float, options: ReadOptions) -> float:
     """Turn rows into even samples, in place; returns their sampling period, which is known for rows without times."""
     drop_incomplete_end(rows)
-    sort_by_time(rows)
     interpolate_unknown(rows)
     begin_parts(rows, even=options.resample is None)
     drop_repeats(rows)
@@ -170,8 +175,9 @@ def _sampled(rows: Rows, period: float, options: ReadOptions) -> float:
             f"{rows.path}: has {'1 data row' if rows.length else 'no data rows'}, and a recording needs two"
         )
     sample_time = sampling(rows, options.time_tolerance, options.resample is None) if rows.time_label else period
-    discount_held_outputs(rows)
-    replace_bad_samples(rows)
+    if rows.length >= LEAST_ROWS:
+        discount_held_outputs(rows)
+        replace_bad_samples(rows)
     if options.strict and rows.repairs:
         raise RecordingError(f"{rows.path}: {rows.repairs[0]}; without --strict it is repaired")
     return sample_time if options.resample is None else _resampled(rows, options.resample, options)
@@ -191,7 +197,9 @@ def _resampled(rows: Rows, period: float, options: ReadOptions) -> float:
     at = np.interp(grid, times, np.arange(count))
     grid = grid[(np.abs(at - np.round(at)) < ON_A_ROW) | ~np.isin(np.ceil(at), rows.starts[1:])]  # not between parts
     rows.signals = [np.interp(grid, times, signal) for signal in rows.signals]
-    near = is_near(grid, times, max(period / rows.unit, float(np.median(np.diff(times)))))
+    after = np.searchsorted(times, grid).clip(1, count - 1)
+    distance = np.minimum(np.abs(grid - times[after - 1]), np.abs(times[after] - grid))
+    near = distance <= NEAR * max(period / rows.unit, float(np.median(np.diff(times))))
     rows.uncounted = (np.interp(grid, times, rows.uncounted) > 0.0) | ~near
     rows.starts = np.unique(np.searchsorted(grid, times[rows.starts])).tolist()
     rows.remarks.append(
@@ -284,9 +292,9 @@ def _selected_rows(
     inside = (since >= low) & (since <= high)
     rows = np.flatnonzero(inside)
     if rows.size < 2:
-        span = f"after --from {low:g}" if high == math.inf else f"between --from {low:g} and --to {high:g}"
         raise RecordingError(
-            f"{table.path}: has {rows.size} rows {span} (seconds after its first time); it lasts {np.nanmax(since):g} s"
+            f"{table.path}: has {rows.size} rows between --from {low:g} and --to {high:g} (seconds after its first "
+            f"time); it lasts {np.nanmax(since):g} s"
         )
     selected = slice(int(rows[0]), int(rows[-1]) + 1, options.decimate)
     return selected, np.flatnonzero(inside[selected])

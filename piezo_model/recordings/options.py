@@ -1,9 +1,7 @@
 """Options for what a file does not state, common to all ways of opening one."""
 
 import math
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from piezo_model import checks
 from piezo_model.recordings.table import RecordingError
@@ -11,11 +9,13 @@ from piezo_model.structure import SAMPLE_TIMES
 
 TIME_TOLERANCE = 0.01
 """Largest relative deviation of an interval from the sampling period."""
-LEAST_S, MOST_S = SAMPLE_TIMES
-VALID: Mapping[str, tuple[Callable[[Any], Any], str]] = {
+VALID = {
     **dict.fromkeys(
         ("sample_time", "resample"),
-        (lambda seconds: LEAST_S <= seconds <= MOST_S, f"a sampling period from {LEAST_S:g} to {MOST_S:g} s"),
+        (
+            lambda seconds: SAMPLE_TIMES[0] <= seconds <= SAMPLE_TIMES[1],
+            "a sampling period from {:g} to {:g} s".format(*SAMPLE_TIMES),
+        ),
     ),
     "header_row": (lambda row: isinstance(row, int) and row >= 0, "the number of a row, or 0 for no header"),
     "decimal": (lambda mark: mark in (".", ","), "the decimal mark '.' or ','"),

@@ -186,15 +186,17 @@ class Recording(Source):
         >>> recording.sample_time, recording.columns["output"], recording.y_range
         (0.005, 'stroke (um)', (0.0, 16.0))
         """
-        options = ReadOptions(**reading)
-        arrays = {str(column): np.asarray(frame[column]) for column in frame}
+        arrays = Arrays("arrays", {str(column): np.asarray(frame[column]) for column in frame}, nested=False)
         named = {"time": time, "input": input, "output": output}
-        return cls._of(*read_signals(table_of(name, Arrays("arrays", arrays, nested=False)), named, options))
+        return cls._of(*read_signals(table_of(name, arrays), named, ReadOptions(**reading)))
 
     @classmethod
     def _of(cls, about: Mapping[str, Any], rows: Rows, units: Sequence[str]) -> Self:
         for role, label, values in zip(("input", "output"), rows.labels, rows.signals, strict=True):
-            _refuse_constant(f"{rows.path}: {' '.join(dict.fromkeys((role, label)))}", values)
+            low, high = (values.min(), values.max()) if values.size else (0.0, 0.0)
+            if high - low < 2.0 * SMALLEST:
+                name = " ".join(dict.fromkeys((role, label)))
+                raise RecordingError(f"{rows.path}: {name} is constant, all {values.size} values are {high:g}")
         x, y = rows.signals
         for array in (x, y, rows.uncounted):
             array.flags.writeable = False
@@ -427,11 +429,3 @@ def read_reference(
     options, named = ReadOptions(**reading), {"time": time, role: column}
     about, rows, (unit,) = read_signals(open_table(path, named, options), named, options)
     return Reference(**about, values=rows.signals[0], unit=unit)
-
-
-def _refuse_constant(label: str, values: Vector) -> None:
-    low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
-    if low == high:
-        raise RecordingError(f"{label} is constant, all {values.size} values are {low:g}")
-    if high - low < 2.0 * SMALLEST:
-        raise RecordingError(f"{label}: the range, {high - low:g}, is too small")

@@ -129,11 +129,7 @@ def choose_roles(table: Table, named: Mapping[str, str | None], sampled: bool = 
         )
     if "time" not in roles.columns and not clockless:
         _find_time_by_name(roles)
-    if sampled and "time" in roles.columns:
-        raise RecordingError(
-            f"{table.path}: has the time column {table.names[roles.columns['time']]!r}, which --sample-time or "
-            "--sample-rate would replace; omit these, or give --time none"
-        )
+    timed = "time" in roles.columns or not sampled
     if "reference" in named:
         _find_reference(roles, clockless or sampled)
     else:
@@ -146,7 +142,7 @@ def choose_roles(table: Table, named: Mapping[str, str | None], sampled: bool = 
         missing += ["time"] * ("time" not in roles.columns)
     if missing:
         raise RecordingError(_question(table, missing))
-    read = {role: roles.columns[role] for role in named if role in roles.columns and not (sampled and role == "time")}
+    read = {role: roles.columns[role] for role in named if role in roles.columns and (timed or role != "time")}
     return Roles(table, read, {role: why for role, why in roles.reasons.items() if role in read})
 
 
@@ -270,9 +266,11 @@ def _find_signals_by_name(roles: Roles, likely: Sequence[int]) -> None:
 
 
 def _question(table: Table, missing: Sequence[str]) -> str:
-    remedy = f"name {'it' if len(missing) == 1 else 'them'} with {' and '.join(f'--{role}' for role in missing)}"
-    if list(missing) == ["time"]:
-        remedy = "name it with --time, or give --sample-time or --sample-rate if there is none"
+    remedy = (
+        "name it with --time, or give --sample-time or --sample-rate if there is none"
+        if list(missing) == ["time"]
+        else f"name {'it' if len(missing) == 1 else 'them'} with {' and '.join(f'--{role}' for role in missing)}"
+    )
     return (
         f"{table.path}: cannot tell which column is the {' and which the '.join(missing)}; its columns are "
         f"{_listed(table)}; {remedy}"
@@ -281,6 +279,4 @@ def _question(table: Table, missing: Sequence[str]) -> str:
 
 def _listed(table: Table) -> str:
     names = [repr(name) + KINDS.get(column.kind, "") for name, column in zip(table.names, table.columns, strict=True)]
-    if len(names) > MOST_LISTED:
-        names[MOST_LISTED:] = [f"and {len(names) - MOST_LISTED} more"]
-    return ", ".join(names)
+    return ", ".join(names[:MOST_LISTED]) + f", and {len(names) - MOST_LISTED} more" * (len(names) > MOST_LISTED)

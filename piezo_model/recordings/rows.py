@@ -1,5 +1,5 @@
-"""The rows of a recording while they are checked and repaired, and their order in time: sorted rows, repeated time
-stamps, and restarts or pauses of the times, at which a part begins."""
+"""The rows of a recording while they are checked and repaired, and their order in time: repeated time stamps, and
+restarts or pauses of the times, at which a part begins."""
 
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -11,8 +11,6 @@ from solvers.arrays import Index, Mask, Vector
 
 LEAST_ROWS = 64
 """Fewest rows in which a value can be recognised as unlike the others."""
-NEAR = 0.75
-"""Largest distance of an interpolated value from a measured one, in sampling periods, at which it is counted."""
 LEAST_PART = 16
 """Fewest rows of a part."""
 LEAST_RETURN = 0.5
@@ -21,12 +19,6 @@ LEAST_PAUSE = 10.0
 """Shortest pause between two parts, in sampling periods and in neighbouring steps; a shorter one is a gap."""
 WINDOW = 65536
 """Rows from which the usual step is estimated."""
-
-
-def is_near(grid: Vector, times: Vector, period: float) -> Mask:
-    """Mask of the times of a grid that have one of the ascending times nearby."""
-    after = np.searchsorted(times, grid).clip(1, times.size - 1)
-    return np.minimum(np.abs(grid - times[after - 1]), np.abs(times[after] - grid)) <= NEAR * period
 
 
 @dataclass
@@ -92,28 +84,9 @@ class Rows:
         return ", ".join(names) + (f" and {at.size - most} more" if at.size > most else "")
 
 
-def sort_by_time(rows: Rows) -> None:
-    """Put rows that are sorted by a signal, or by falling times, in the order of their times."""
-    times = rows.times
-    if (times[1:] >= times[:-1]).all():
-        return
-    if _monotonic(times) or (np.unique(times).size == times.size and any(map(_monotonic, rows.signals))):
-        rows.repairs.append("its rows were not in the order of their times, and were sorted by time")
-        rows.select(np.lexsort((-np.arange(rows.length), times)))
-        rows.starts = [0]
-
-
 def run_starts(times: Vector) -> list[int]:
-    """The first row of each run of rising times, or of falling times if most of them fall."""
-    steps = np.diff(times)
-    against = steps < 0.0 if 2 * np.count_nonzero(steps < 0.0) < steps.size else steps > 0.0
-    return [0, *(np.flatnonzero(against) + 1).tolist()]
-
-
-def _monotonic(values: Vector) -> bool:
-    """True if the known values never rise or never fall, and are not constant."""
-    steps = np.diff(values[~np.isnan(values)])
-    return bool(((steps >= 0.0).all() or (steps <= 0.0).all()) and steps.any())
+    """The first row of each run of rising times."""
+    return [0, *(np.flatnonzero(np.diff(times) < 0.0) + 1).tolist()]
 
 
 def begin_parts(rows: Rows, even: bool = True) -> None:
@@ -150,8 +123,10 @@ def begin_parts(rows: Rows, even: bool = True) -> None:
         )
     if pauses.size and long_enough:
         rows.starts = sorted({*rows.starts, *pauses.tolist()})
-        many = "a pause" if pauses.size == 1 else f"{pauses.size} pauses"
-        rows.repairs.append(f"{many} in its times, before {rows.named(pauses)}: a new part begins there")
+        rows.repairs.append(
+            f"{pauses.size} pause{'s' * (pauses.size > 1)} in its times, before {rows.named(pauses)}: "
+            "a new part begins there"
+        )
     if later := rows.starts[1:]:
         first = later[0]
         rising = first > 1 and (steps[: first - 1] > 0.0).all()

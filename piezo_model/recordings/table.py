@@ -96,6 +96,13 @@ class Table:
     rows: int = 0
     """Approximate number of rows, for a choice among several tables."""
 
+    def __post_init__(self) -> None:
+        """Refuse more columns than a recording has."""
+        if len(self.columns) > MOST_COLUMNS:
+            raise RecordingError(
+                f"{self.path}: has {len(self.columns)} columns, more than the limit of {MOST_COLUMNS} for a recording"
+            )
+
     @cached_property
     def names(self) -> list[str]:
         """Names of the columns; repeated names have their position added."""

@@ -53,8 +53,7 @@ def write_table(path: str | Path, columns: Mapping[str, ArrayLike], remark: str 
         raise RecordingError(
             f"{path}: unknown suffix {path.suffix!r}; a table is written as {' or '.join(WRITTEN_SUFFIXES)}"
         )
-    import pyarrow  # only here, since a program without files need not load it
-    import pyarrow.parquet
+    import pyarrow.parquet  # only here, since a program without files need not load it
 
     checks.check(columns, f"{path}: a table needs at least one column", RecordingError)
     with checks.refusing(RecordingError, f"{path}: "):

@@ -18,7 +18,7 @@ from piezo_model.recordings.formats.libraries import read_hdf5, read_matlab, rea
 from piezo_model.recordings.formats.text import HEAD_BYTES, open_text
 from piezo_model.recordings.formats.xlsx import open_workbook
 from piezo_model.recordings.options import ReadOptions
-from piezo_model.recordings.table import MOST_COLUMNS, RecordingError, Table, first_line
+from piezo_model.recordings.table import RecordingError, Table, first_line
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 
@@ -111,7 +111,4 @@ def open_tables(path: str | Path, options: ReadOptions) -> list[Table]:
         raise RecordingError(f"{path}: {why}") from None
     except Exception as error:
         raise RecordingError(f"{path}: is {format.name}, and damaged: {first_line(error)}") from None
-    most = max(len(table.columns) for table in tables)
-    if most > MOST_COLUMNS:
-        raise RecordingError(f"{path}: has {most} columns, more than the limit of {MOST_COLUMNS} for a recording")
     return tables

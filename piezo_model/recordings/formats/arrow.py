@@ -71,8 +71,6 @@ def _table(
 def _kind(type: pa.DataType) -> Kind:
     if pa.types.is_floating(type) or pa.types.is_integer(type) or pa.types.is_decimal(type):
         return "number"
-    if pa.types.is_boolean(type):
-        return "flag"
     return "clock" if pa.types.is_temporal(type) and not pa.types.is_date(type) else "text"
 
 

@@ -28,14 +28,13 @@ def open_workbook(path: Path, header_row: int | None) -> list[Table]:
             raise RecordingError(f"{path}: is compressed far more than a table of numbers is")
         check_size(path, sum(member.file_size for member in archive.infolist()))
         book = openpyxl.load_workbook(file, read_only=True, data_only=True)
-        sheets = list(_texts(path, book.worksheets))
-    tables = [
-        table
-        for name, text in sheets
-        for table in tables_of(
-            Source(path, partial(io.BytesIO, text), len(text), f"Excel, sheet {name!r}", name), header_row, "."
-        )
-    ]
+        tables = [
+            table
+            for name, text in _texts(path, book.worksheets)
+            for table in tables_of(
+                Source(path, partial(io.BytesIO, text), len(text), f"Excel, sheet {name!r}", name), header_row, "."
+            )
+        ]
     if not tables:
         raise RecordingError(
             f"{path}: is an Excel workbook without rows of numbers, or in Strict Open XML; save it as an ordinary one"
