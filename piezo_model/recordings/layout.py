@@ -34,7 +34,7 @@ RUNS = {" ": re.compile(r"[ \t]+"), ", ": re.compile(r", +|,(?=[\r\n]|$)")}
 """Separators that Arrow does not know, and that are replaced by tabs."""
 COMMENT_MARKS = ("#", "%", "//", ";", "!", "**")
 COMMENT = re.compile(rf"\s*(?:{'|'.join(map(re.escape, COMMENT_MARKS))})+\s*")
-MISSING = ("", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---", "#value!", "missing")
+MISSING = ("", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---", "#value!", "missing", "∞", "-∞")
 NULLS = {case(cell) for cell in MISSING for case in (str.lower, str.upper, str.capitalize)} | {"NaN"}
 """The spellings of MISSING."""
 WORDS: Mapping[str, Kind] = {
@@ -50,7 +50,7 @@ LONGEST_VALUE = 100
 """Most characters of a number or a clock; a longer cell is text, so that hostile cells take no time."""
 REMARKS_BELOW_HEADER = 2
 VALUES: frozenset[Kind] = frozenset({"number", "clock"})
-WORTH: Mapping[Kind, float] = {"number": 1.0, "clock": 1.0, "flag": 0.3, "empty": 0.0, "text": -0.5}
+WORTH: Mapping[Kind, float] = {"number": 1.0, "clock": 1.0, "flag": 0.3, "empty": 0.1, "text": -0.5}
 """Score of a cell by its kind."""
 LONGEST_UNIT = 12
 """Most characters of an unknown unit."""

@@ -382,6 +382,20 @@ def test_a_workbook_past_midnight_is_read(tmp_path: Path, over: float, shown: st
     assert (recording.sample_time, recording.columns["time"]) == (0.01, "t")
 
 
+def test_numbers_that_a_workbook_has_as_texts_with_decimal_commas_are_read(tmp_path: Path) -> None:
+    texts = ([f"{value:.6f}".replace(".", ",") for value in row] for row in zip(T, X, Y, strict=True))
+    table_workbook(tmp_path / "stage.xlsx", ["t", "voltage_V", "height_um"], *texts)
+    recording = Recording.open(tmp_path / "stage.xlsx")
+    np.testing.assert_array_equal([recording.x, recording.y], [X, Y])
+
+
+def test_numbers_that_must_be_scaled_to_be_values_are_no_column(tmp_path: Path) -> None:
+    hdf5({"t": T, "u": X, "y_um": np.round(1e3 * Y)})(tmp_path / "stage.h5")
+    with h5py.File(tmp_path / "stage.h5", "a") as file:
+        file["y_um"].attrs["scale_factor"] = 1e-3
+    assert "its columns are 't', 'u'; name it with --output" in refusal(tmp_path / "stage.h5", input="u")
+
+
 @pytest.mark.parametrize(
     ("cell", "shown"), [("over", "'over'"), (datetime(2024, 1, 31), "'2024-01-31T00:00:00.000000'")]
 )

@@ -62,6 +62,12 @@ REPAIRED: dict[str, tuple[str, str, slice, int]] = {
         8,
     ),
     "overloads": (table(T, X, changed(Y, slice(100, 104), 9.9e37)), r"is 9\.9e\+37 in row 102", slice(0), 4),
+    "an oscilloscope's sign beyond its range": (
+        CLEAN.replace(f",{Y[7]:.7g}\n", ",∞\n"),
+        "missing in row 9",
+        slice(0),
+        1,
+    ),
     "an infinite drive": (table(T, changed(X, 100, np.inf), Y), "is infinite in row 102", slice(0), 1),
     "the last sample of the drive": (table(T, changed(X, 1999, 7.7), Y), "voltage_V' is 7.7 in row 2001", slice(0), 1),
     "the first sample of the sensor": (

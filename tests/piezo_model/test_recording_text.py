@@ -153,6 +153,12 @@ FILES: dict[str, tuple[bytes | str, dict]] = {
         {"input": "CH3", "output": "CH4"},
     ),
     "header by its row": (f"1,2,3\nnumbers,follow,below\n{HEADER}{rows('{t},{x},{y}')}", {"header_row": 3}),
+    "LabVIEW's rows without times": (
+        f"LabVIEW Measurement\t\nX_Columns\tNo\n***End_of_Header***\t\n\t\nChannels\t2\t\t\nSamples\t{N}\t{N}\t\n"
+        f"Delta_X\t{1 / RATE:.9f}\t{1 / RATE:.9f}\t\n***End_of_Header***\t\t\t\n"
+        f"X_Value\tDrive voltage\tSensor height\tComment\n{rows(chr(9) + '{x}' + chr(9) + '{y}')}",
+        {},
+    ),
     "columns by number": (f"a,b,c\n{rows('{y},{t},{x}')}", {"time": 2, "input": "3", "output": 1}),
     "header far above its rows": (f"{HEADER}# one\n# two\n\n# three\n# four\n{rows('{t},{x},{y}')}", {"header_row": 1}),
 }

@@ -2,9 +2,9 @@
 
 NumPy: ``.npy`` is mapped into memory; pickled arrays in an ``.npz`` are not read.
 
-HDF5 and NeXus: every dataset of numbers is a column, or several, by its path ``group/channel``. The attribute
-``units`` (NeXus) or ``unit`` gives the unit, and a scalar dataset or an attribute with the name of a sampling rate or
-period gives the period.
+HDF5 and NeXus: every dataset of numbers, unless attributes say that it must be scaled, is a column, or several, by its
+path ``group/channel``. The attribute ``units`` (NeXus) or ``unit`` gives the unit, and a scalar dataset or an attribute
+with the name of a sampling rate or period gives the period.
 
 MATLAB, versions 5 to 7 by SciPy (7.3 is HDF5): a struct with fields ``Name`` (or ``label``) and ``Data`` (or
 ``values``), as from Simulink and dSPACE, is a channel of that name. Any other variable is a column named by its path; a
@@ -28,6 +28,8 @@ from piezo_model.recordings.table import RecordingError, check_size
 
 ATTRIBUTES = ("Unit", "Units", "unit", "units")
 """Names of the attribute with the unit; the last one present is used."""
+SCALES = frozenset({"scale_factor", "add_offset"})
+"""Attributes of datasets whose numbers are not yet values (NetCDF)."""
 NAMES, VALUES, FIELD_UNITS = ("name", "label", "title"), ("data", "values", "value", "y"), ("unit", "units")
 AT_ONCE, MOST_UNITS = 320_000_000, 16
 """Most bytes of the datasets of an HDF5 file that are read at once; most units of a dataset."""
@@ -68,7 +70,7 @@ def read_hdf5(path: Path) -> Arrays:
         else item
         for item in datasets
         if max(item.shape or (0,)) > 1 and (item.dtype.names or item.dtype.kind in "iufbc")
-        if item.attrs.get("MATLAB_class") != b"char"
+        if item.attrs.get("MATLAB_class") != b"char" and SCALES.isdisjoint(item.attrs)
     }
     units = {item.name.lstrip("/"): _unit(item) for item in datasets}
     period = _stated([file, *(item.parent for item in datasets), *datasets], datasets)
