@@ -19,12 +19,10 @@ import math
 
 import numpy as np
 
-from piezo_model.recordings.rows import Rows
+from piezo_model.recordings.rows import WINDOW, Rows
 from piezo_model.recordings.table import check_sample_time
 from solvers.arrays import Vector
 
-WINDOW = 65536
-"""Times at the start, and at the end, from which their rounding is determined."""
 SAME_RATE, MOST_CHANGE = 16, 1.05
 """Intervals from which the sampling rates at start and end are estimated; largest ratio of equal rates."""
 WALK = 4.0
@@ -148,8 +146,9 @@ def _refuse_uneven(rows: Rows, stride: int, period: float, allowed: float) -> No
             f"is not sampled uniformly: {rows.seconds(step)} from {rows.where(at)} to {place}, where "
             f"{rows.seconds(stride * period)} is expected within {rows.seconds(allowed)}"
         )
-    finest = min([period, *filter(None, rates)]) * rows.unit
-    raise rows.refusal(f"{sentence}; --resample {finest:.6g} interpolates to an even clock")
+    raise rows.refusal(
+        f"{sentence}; --resample {min([period, *filter(None, rates)]) * rows.unit:.6g} interpolates to an even clock"
+    )
 
 
 def _shortest(value: float, uncertainty: float) -> float:

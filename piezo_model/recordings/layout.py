@@ -342,15 +342,12 @@ def _headed(
     """The line of names above the first row (it may be a comment, with a remark or a rule below it), names and
     units."""
     above = (
-        [k for k in range(start) if re.search(r"\w", lines[k])]
+        [k for k in range(start) if re.search(r"\w", lines[k])][-REMARKS_BELOW_HEADER - 1 :]
         if header_row is None
-        else [*range(max(header_row - 1, 0), min(header_row + 1, start))]  # names, and perhaps units
+        else [k for k in (header_row - 1, header_row) if header_row and k < start]  # names, and perhaps units
     )
-    headed = [
-        (k, cells)
-        for k in above[-REMARKS_BELOW_HEADER - 1 :]
-        if header_row != 0 and (cells := _names(dialect, lines[k], kinds))
-    ]
+    broken = any(lines[k].count('"') % 2 for k in above)  # a name in quotes has a line break
+    headed = [(k, cells) for k in above if not broken and (cells := _names(dialect, lines[k], kinds))]
     none: Sequence[str] = [""] * len(kinds)
     if not headed:
         return None, none, none

@@ -7,8 +7,6 @@ from piezo_model import checks
 from piezo_model.recordings.table import RecordingError
 from piezo_model.structure import SAMPLE_TIMES
 
-TIME_TOLERANCE = 0.01
-"""Largest relative deviation of an interval from the sampling period."""
 VALID = {
     **dict.fromkeys(
         ("sample_time", "resample"),
@@ -58,7 +56,7 @@ class ReadOptions:
     """Read one row in so many."""
     strict: bool = False
     """Refuse a file instead of repairing it."""
-    time_tolerance: float = TIME_TOLERANCE
+    time_tolerance: float = 0.01
     """Largest relative deviation of an interval from the sampling period, in addition to the rounding of printed
     times."""
 

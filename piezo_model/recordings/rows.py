@@ -18,7 +18,7 @@ LEAST_RETURN = 0.5
 LEAST_PAUSE = 10.0
 """Shortest pause between two parts, in sampling periods and in neighbouring steps; a shorter one is a gap."""
 WINDOW = 65536
-"""Rows from which the usual step is estimated."""
+"""Rows at the start from which the usual step is estimated, and at the start and the end the rounding of times."""
 
 
 @dataclass

@@ -117,7 +117,17 @@ REFUSED: list[tuple[list[str], dict[str, Any], str]] = [
     ),
     (constant(1), {}, "input column 'voltage_V' is constant, all 8 values are 1.8"),
     (constant(2), {}, "output column 'displacement_um' is constant, all 8 values are 1.8"),
+    (
+        ["t;Weg_nm", *(f"{k};{989 + k if k < 11 else f'1.{k - 11:03d}'}" for k in range(50))],
+        {},
+        "column 'Weg_nm' holds numbers such as '1.000' and '989'; is the mark between thousands? Write them without it",
+    ),
     # columns
+    (
+        ['"t\n[s]","drive\n[V]","height\n[um]"', *timed(EVEN)[1:]],
+        {},
+        "its columns are 'column 1', 'column 2', 'column 3'; name them with --input and --output",
+    ),
     *(
         ([header, "0,1,2", "1,2,3", "2,5,5"], {}, "cannot tell which column is the")
         for header in ("time_s,a,b", "time_s,voltage_1,voltage_2", "time_s,reference_um,voltage_V")

@@ -284,6 +284,7 @@ def test_a_stated_rate_may_have_its_thousands_apart_and_is_named(tmp_path: Path,
                 "# Sampling rate: 10,5 Hz",
                 "# dt: 2026-11-28",
                 "# dt: 28.11.2026",
+                "# dt: 5,000 ms",
                 "# dt: 1 ms\n# fs: 100 Hz",
             )
         ),

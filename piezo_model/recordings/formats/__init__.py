@@ -107,8 +107,10 @@ def open_tables(path: str | Path, options: ReadOptions) -> list[Table]:
             f"{path}: is {format.name}, and reading it needs the package {error.name}: install piezobench[formats]"
         ) from None
     except (FileNotFoundError, PermissionError) as error:
-        why = "no such file" if isinstance(error, FileNotFoundError) else f"cannot be read: {error.strerror}"
-        raise RecordingError(f"{path}: {why}") from None
+        raise RecordingError(
+            f"{path}: "
+            + ("no such file" if isinstance(error, FileNotFoundError) else f"cannot be read: {error.strerror}")
+        ) from None
     except Exception as error:
         raise RecordingError(f"{path}: is {format.name}, and damaged: {first_line(error)}") from None
     return tables

@@ -28,8 +28,6 @@ from piezo_model.recordings.table import RecordingError, check_size
 
 ATTRIBUTES = ("Unit", "Units", "unit", "units")
 """Names of the attribute with the unit; the last one present is used."""
-SCALES = frozenset({"scale_factor", "add_offset"})
-"""Attributes of datasets whose numbers are not yet values (NetCDF)."""
 NAMES, VALUES, FIELD_UNITS = ("name", "label", "title"), ("data", "values", "value", "y"), ("unit", "units")
 AT_ONCE, MOST_UNITS = 320_000_000, 16
 """Most bytes of the datasets of an HDF5 file that are read at once; most units of a dataset."""
@@ -70,7 +68,8 @@ def read_hdf5(path: Path) -> Arrays:
         else item
         for item in datasets
         if max(item.shape or (0,)) > 1 and (item.dtype.names or item.dtype.kind in "iufbc")
-        if item.attrs.get("MATLAB_class") != b"char" and SCALES.isdisjoint(item.attrs)
+        if item.attrs.get("MATLAB_class") != b"char"
+        and {"scale_factor", "add_offset"}.isdisjoint(item.attrs)  # of NetCDF
     }
     units = {item.name.lstrip("/"): _unit(item) for item in datasets}
     period = _stated([file, *(item.parent for item in datasets), *datasets], datasets)

@@ -43,6 +43,8 @@ ENCODINGS = {"utf-8": "", "latin-1": " in Latin-1", "utf-16-le": " in UTF-16", "
 BLOCK_BYTES = 1 << 20
 LARGEST_BLOCK = 1 << 24
 """Bytes of a block with the rest of the previous one, in UTF-8."""
+GROUPED = re.compile(r"[+-]?(?:\d{1,3}|[1-9]\d{0,2}(?:[.,]\d{3})+)")
+"""Whole numbers with marks between thousands."""
 TAIL_BYTES, MOST_TRUNCATED = 1 << 16, 2
 MARGINS = re.compile(r"^[ \t]+|(?<![ \t])[ \t]++(?=\r?$)", re.MULTILINE)
 
@@ -208,8 +210,11 @@ def tables_of(source: Source, header_row: int | None, decimal: str | None) -> li
             if layout is not None:
                 tables.append(_table(source, encoding, lines, layout, region, mark + region.begin, end))
     if not tables and not source.sheet:
-        where = f", or no names in row {header_row}" if header_row else ", or none in its first lines"
-        raise RecordingError(f"{path}: holds no data rows{where}; --header-row says which row names the columns")
+        raise RecordingError(
+            f"{path}: holds no data rows, or "
+            + (f"no names in row {header_row}" if header_row else "none in its first lines")
+            + "; --header-row says which row names the columns"
+        )
     return tables
 
 
@@ -226,6 +231,13 @@ def _table(
         "no header" if layout.header is None else f"header in row {header}": True,
     }
     form = ", ".join(clause for clause, holds in clauses.items() if holds)
+    sample = map(layout.dialect.split, lines[layout.start : layout.start + SAMPLE_LINES])
+    for k, cells in enumerate(zip(*(row for row in sample if len(row) == len(layout.columns)), strict=True)):
+        if {3, 5}.issubset(map(len, cells)) and all(map(GROUPED.fullmatch, cells)):
+            raise RecordingError(
+                f"{source.path}: column {layout.columns[k].name!r} holds numbers such as {max(cells, key=len)!r} and "
+                f"{min(cells, key=len)!r}; is the mark between thousands? Write them without it"
+            )
     rows = TextRows(source, encoding, layout, start, stop, region.line)
     repairs = (f"incomplete lines at the end are left out: {dropped}",) * (dropped > 0)
     return Table(
