@@ -39,15 +39,17 @@ def gcs_tabs(path: Path) -> None:
     path.write_text(head.replace("= 32", "= 9") + end + rows.replace(" \n", "\n").replace(" ", "\t"))
 
 
-def hdf5(values: dict[str, Any], units: dict[str, str] | None = None, **attributes: float) -> Callable[[Path], None]:
-    """Writer of a file of datasets, some with units, and attributes of the file."""
+def hdf5(
+    values: dict[str, Any], of: dict[str, dict[str, Any]] | None = None, **attributes: float
+) -> Callable[[Path], None]:
+    """Writer of a file of datasets, some with attributes of their own, and attributes of the file."""
 
     def write(path: Path) -> None:
         with h5py.File(path, "w") as file:
             for name, value in values.items():
                 file[name] = value
-            for name, unit in (units or {}).items():
-                file[name].attrs["units"] = unit
+            for name, own in (of or {}).items():
+                file[name].attrs.update(own)
             file.attrs.update(attributes)
 
     return write
@@ -61,7 +63,11 @@ nexus = hdf5(
         "entry/log/temperature": np.arange(17.0),
         "entry/title": "a sine",
     },
-    {"entry/data/time": "s", "entry/data/voltage": "V", "entry/data/displacement": "µm"},
+    {
+        "entry/data/time": {"units": "s"},
+        "entry/data/voltage": {"units": "V"},
+        "entry/data/displacement": {"units": "µm"},
+    },
 )
 
 
@@ -216,6 +222,12 @@ FORMATS: dict[str, tuple[Callable[[Path], Any], dict[str, str]]] = {
     ),
     "NPZ": (numpy_file(np.savez, u=X, y=Y, dt=PERIOD), {"input": "u", "output": "y"}),
     "Excel": (workbook, {"time": "Zeit", "input": "Spannung", "output": "Weg"}),
+    "Excel of texts": (
+        lambda path: table_workbook(
+            path, ["t", "u", "y"], *([f"{v:.6f}".replace(".", ",") for v in row] for row in zip(T, X, Y, strict=True))
+        ),
+        {"time": "t", "input": "u", "output": "y"},
+    ),
     "TDMS waveform": (tdms_waveform, {"input": "Drive", "output": "Sensor"}),
     "TDMS groups": (tdms_groups, {"time": "Stage/Time", "input": "Stage/AO0", "output": "Stage/AI0"}),
 }
@@ -331,6 +343,10 @@ def test_a_file_that_was_read_can_be_written_again(tmp_path: Path) -> None:
             lambda path: path.write_bytes(b"MDF     4.10    amdf8829\0\0\0\0\x9a\x01".ljust(4096, b"\0")),
             "is neither plain text nor in a format that is read: Parquet, Arrow, NumPy, HDF5, MATLAB, Excel",
         ),
+        (
+            hdf5({"t": T, "u": X, "y": np.round(1e3 * Y)}, {"y": {"scale_factor": 1e-3}}),
+            "cannot tell which column is the output; its columns are 't', 'u'; name it with --output",
+        ),
         *(
             (
                 lambda path, make=make: make(path, cube=np.zeros((4, 5, 6)), spectrum=X + 1j * Y),
@@ -343,7 +359,7 @@ def test_a_file_that_was_read_can_be_written_again(tmp_path: Path) -> None:
             )
         ),
     ],
-    ids=["another format", "NumPy", "HDF5", "MATLAB"],
+    ids=["another format", "scaled", "NumPy", "HDF5", "MATLAB"],
 )
 def test_a_file_without_columns_is_refused_with_what_it_holds_or_what_is_read(
     tmp_path: Path, write: Callable[[Path], object], sentence: str
@@ -380,20 +396,6 @@ def test_a_workbook_past_midnight_is_read(tmp_path: Path, over: float, shown: st
     book.save(tmp_path / "stage.xlsx")
     recording = Recording.open(tmp_path / "stage.xlsx")
     assert (recording.sample_time, recording.columns["time"]) == (0.01, "t")
-
-
-def test_numbers_that_a_workbook_has_as_texts_with_decimal_commas_are_read(tmp_path: Path) -> None:
-    texts = ([f"{value:.6f}".replace(".", ",") for value in row] for row in zip(T, X, Y, strict=True))
-    table_workbook(tmp_path / "stage.xlsx", ["t", "voltage_V", "height_um"], *texts)
-    recording = Recording.open(tmp_path / "stage.xlsx")
-    np.testing.assert_array_equal([recording.x, recording.y], [X, Y])
-
-
-def test_numbers_that_must_be_scaled_to_be_values_are_no_column(tmp_path: Path) -> None:
-    hdf5({"t": T, "u": X, "y_um": np.round(1e3 * Y)})(tmp_path / "stage.h5")
-    with h5py.File(tmp_path / "stage.h5", "a") as file:
-        file["y_um"].attrs["scale_factor"] = 1e-3
-    assert "its columns are 't', 'u'; name it with --output" in refusal(tmp_path / "stage.h5", input="u")
 
 
 @pytest.mark.parametrize(

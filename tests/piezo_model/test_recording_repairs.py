@@ -278,9 +278,8 @@ def test_two_files_are_one_recording(tmp_path: Path) -> None:
         (tmp_path / name).write_text(text)
     u, y, late, bare, pair, other, sweeps = (str(tmp_path / name) for name in files)
     joined = Recording.open(input=u, output=y)
-    assert (joined.input_unit, joined.output_unit, joined.sample_time, joined.length) == ("V", "mV", PERIOD, N)
+    assert (joined.input_unit, joined.output_unit, joined.sample_time, joined.remarks) == ("V", "mV", PERIOD, ())
     np.testing.assert_allclose([joined.x, joined.y], [X, Y], rtol=1e-5)
-    assert joined.remarks == ()
     np.testing.assert_allclose(Recording.open(input=u, output=f"{pair}:sensor").y, Y, rtol=1e-5)
     assert Recording.open(input=bare, output=bare, sample_time=1e-3).length == N
     for output, sentence in (

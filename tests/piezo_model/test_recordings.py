@@ -185,9 +185,12 @@ def test_a_bad_reference_is_refused(tmp_path: Path, lines: tuple[str, ...], sent
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
 def test_a_missing_or_an_empty_file_a_folder_and_a_pipe_are_refused(tmp_path: Path, suffix: str) -> None:
-    sources: tuple[Callable[[Path], object], ...] = (str, Path.touch, Path.mkdir, os.mkfifo)
-    for kind, make in zip(
-        ("no such file", "is an empty file", "is a folder", "a pipe or a device"), sources, strict=True
+    make: Callable[[Path], object]
+    for kind, make in (
+        ("no such file", str),
+        ("is an empty file", Path.touch),
+        ("is a folder", Path.mkdir),
+        ("a pipe or a device", os.mkfifo),
     ):
         make(path := tmp_path / f"{kind}{suffix}")
         assert kind in refusal(path).partition(": ")[2]
