@@ -100,6 +100,14 @@ class TextRows:
                 check_utf8=False,
             ),
         )
+        rows = (dialect.split(line) for _, _, line in islice(self._named_rows(), SAMPLE_LINES))
+        for k, cells in enumerate(zip(*(row for row in rows if len(row) == len(keys)), strict=True)):
+            if k in at and {3, 5}.issubset(map(len, cells)) and all(map(GROUPED.fullmatch, cells)):
+                raise RecordingError(
+                    f"{self.source.path}: column {layout.columns[k].name!r} holds numbers such as "
+                    f"{max(cells, key=len)!r} and {min(cells, key=len)!r}; is the mark between thousands? Write them "
+                    "without it"
+                )
         for block in filter(
             bytes.strip, map(self._for_arrow, blocks_of(self.source, self.encoding, self.start, self.stop))
         ):
@@ -231,13 +239,6 @@ def _table(
         "no header" if layout.header is None else f"header in row {header}": True,
     }
     form = ", ".join(clause for clause, holds in clauses.items() if holds)
-    sample = map(layout.dialect.split, lines[layout.start : layout.start + SAMPLE_LINES])
-    for k, cells in enumerate(zip(*(row for row in sample if len(row) == len(layout.columns)), strict=True)):
-        if {3, 5}.issubset(map(len, cells)) and all(map(GROUPED.fullmatch, cells)):
-            raise RecordingError(
-                f"{source.path}: column {layout.columns[k].name!r} holds numbers such as {max(cells, key=len)!r} and "
-                f"{min(cells, key=len)!r}; is the mark between thousands? Write them without it"
-            )
     rows = TextRows(source, encoding, layout, start, stop, region.line)
     repairs = (f"incomplete lines at the end are left out: {dropped}",) * (dropped > 0)
     return Table(
