@@ -128,6 +128,8 @@ class Layout:
     """Index of the line that names the columns."""
     remarks: frozenset[str] = frozenset()
     """The last lines above the first row, with every number as 0; they are skipped wherever they recur."""
+    glued: int = 0
+    """Character at which the first row starts in the header's line, if the line break after the header is missing."""
     quoted: bool = False
     """True if there are quotes in the first lines; otherwise quotes are ordinary characters."""
 
@@ -233,10 +235,10 @@ def layout_of(
         if all(kind not in VALUES or cell in (kind, "empty") for cell, kind in zip(row, kinds, strict=True))
     )
     start = _with_damaged_rows(dialect, lines, next(good, min(rows)), kinds, first)
-    header, names, units = _headed(lines, dialect, start, kinds, header_row)
+    header, names, units, glued = _headed(lines, dialect, start, kinds, header_row)
     if header_row and header != header_row - 1:
         return None
-    top = lines[:start]
+    top = lines[: header if glued else start]
     gcs = dict(GCS_ENTRY.findall("".join(top)))
     named = {
         **{k: (name or f"column {k + 1}", unit) for k, (name, unit) in enumerate(zip(names, units, strict=True))},
@@ -246,10 +248,11 @@ def layout_of(
     period = period_in([*top, *stated])
     return Layout(
         dialect,
-        start,
+        len(top),
         tuple(Column.named(*named[k], kind=kind, sample_time=period) for k, kind in enumerate(kinds)),
         header,
         frozenset(as_remark(line) for line in lines[max(0, start - REMARKS) : start] if "text" in dialect.kinds(line)),
+        glued,
         quoted,
     )
 
@@ -338,9 +341,9 @@ def _named_by_settings(rows: Sequence[Sequence[str]], kinds: Sequence[Kind]) -> 
 
 def _headed(
     lines: Sequence[str], dialect: Dialect, start: int, kinds: Sequence[Kind], header_row: int | None
-) -> tuple[int | None, Sequence[str], Sequence[str]]:
-    """The line of names above the first row (it may be a comment, with a remark or a rule below it), names and
-    units."""
+) -> tuple[int | None, Sequence[str], Sequence[str], int]:
+    """The line of names above the first row (it may be a comment, with a remark or a rule below it), names, units, and
+    the character at which the first row starts in that line, or 0."""
     above = (
         [k for k in range(start) if re.search(r"\w", lines[k])][-REMARKS_BELOW_HEADER - 1 :]
         if header_row is None
@@ -349,11 +352,27 @@ def _headed(
     broken = any(lines[k].count('"') % 2 for k in above)  # a name in quotes has a line break
     headed = [(k, cells) for k in above if not broken and (cells := _names(dialect, lines[k], kinds))]
     none: Sequence[str] = [""] * len(kinds)
+    if not headed and above and (glued := _glued(dialect, lines[above[-1]], kinds)):
+        return above[-1], glued[0], none, glued[1]
     if not headed:
-        return None, none, none
+        return None, none, none, 0
     units = headed.pop()[1] if len(headed) > 1 and _all_units(headed[-1][1]) else none
     at, names = headed[-1] if header_row is None else headed[0]
-    return at, names, units
+    return at, names, units, 0
+
+
+def _glued(dialect: Dialect, line: str, kinds: Sequence[Kind]) -> tuple[tuple[str, ...], int] | None:
+    """Names in a header that is followed by the first row in the same line, as afmformats once wrote it, and the start
+    of that row."""
+    width, cells = len(kinds), dialect.split(_uncommented(dialect, line))
+    if len(cells) != 2 * width - 1 or width < 2 or dialect.separator == " ":
+        return None
+    joint = re.fullmatch(r"(\D{0,99}?\w?[^\W\d][^\d.+-]{0,99})([+-]?[\d.].*)", cells[width - 1])
+    row = [joint[2], *cells[width:]] if joint else []
+    if not joint or any(dialect.kind(cell) != kind for cell, kind in zip(row, kinds, strict=True)):
+        return None
+    tail = len(dialect.separator.join(line.rstrip("\r\n").split(dialect.separator)[width:])) + 1
+    return (*cells[: width - 1], joint[1].strip()), len(line.rstrip("\r\n")) - tail - len(joint[2])
 
 
 def _all_units(cells: Sequence[str]) -> bool:

@@ -31,7 +31,9 @@ from piezo_model.recordings.rows import (
     Rows,
     begin_parts,
     drop_repeats,
+    refuse_sorted,
     run_starts,
+    sort_by_time,
 )
 from piezo_model.recordings.table import FEW_ROWS, RecordingError, Table
 from piezo_model.units import LENGTHS, PREFIXES, VOLTAGES, canonical, seconds
@@ -39,6 +41,8 @@ from solvers.arrays import Index, Vector
 
 MOST_NAMED = 8
 """Most columns that are named in a list of tables."""
+CLOCK_TOLERANCE = 0.01
+"""Largest relative difference between the sampling periods by a time column and by the user."""
 MOST_VOLTS, MOST_METRES, LONGEST_PERIOD_S = 1e4, 1.0, 60.0
 """Largest voltage, travel and sampling period that need no confirmation."""
 GUESS = " (seconds assumed; override with --time-unit)"
@@ -108,11 +112,6 @@ def read_signals(
     roles = choose_roles(table, named, options.sample_time is not None)
     time = roles.columns.get("time")
     signals = {role: k for role, k in roles.columns.items() if role != "time"}
-    if time is not None and options.sample_time is not None:
-        raise RecordingError(
-            f"{table.path}: has the time column {table.names[time]!r}, which --sample-time or --sample-rate would "
-            "replace; omit these, or give --time none"
-        )
     if time is None and options.resample is not None:
         raise RecordingError(f"{table.path}: --resample needs a time column, and there is none; name it with --time")
     unit = 1.0 if time is None else seconds_per_unit(table, time, options)
@@ -138,6 +137,11 @@ def read_signals(
         rows.remarks.append(f"read from {rows.where(0)} on" + f", one row in {step}" * (step > 1))
     del columns
     sample_time = _sampled(rows, period * step, options)
+    if time is not None and options.sample_time and abs(sample_time - period * step) > CLOCK_TOLERANCE * sample_time:
+        raise rows.refusal(
+            f"has one sample every {sample_time:.6g} s, and --sample-time says {period * step:.6g} s; omit "
+            "--sample-time, or give --time none if that column is not a clock"
+        )
     is_number = time is not None and table.columns[time].kind == "number"
     guessed = is_number and not (time is None or table.columns[time].unit or options.time_unit)
     is_stated = time is None and options.sample_time is None and stated is not None
@@ -167,6 +171,7 @@ def read_signals(
 def _sampled(rows: Rows, period: float, options: ReadOptions) -> float:
     """Turn rows into even samples, in place; returns their sampling period, which is known for rows without times."""
     drop_incomplete_end(rows)
+    sort_by_time(rows)
     interpolate_unknown(rows)
     begin_parts(rows, even=options.resample is None)
     drop_repeats(rows)
@@ -176,6 +181,7 @@ def _sampled(rows: Rows, period: float, options: ReadOptions) -> float:
         )
     sample_time = sampling(rows, options.time_tolerance, options.resample is None) if rows.time_label else period
     if rows.length >= LEAST_ROWS:
+        refuse_sorted(rows)
         discount_held_outputs(rows)
         replace_bad_samples(rows)
     if options.strict and rows.repairs:

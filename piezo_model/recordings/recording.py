@@ -195,8 +195,12 @@ class Recording(Source):
         for role, label, values in zip(("input", "output"), rows.labels, rows.signals, strict=True):
             low, high = (values.min(), values.max()) if values.size else (0.0, 0.0)
             if high - low < 2.0 * SMALLEST:
-                name = " ".join(dict.fromkeys((role, label)))
-                raise RecordingError(f"{rows.path}: {name} is constant, all {values.size} values are {high:g}")
+                name, equal = (
+                    " ".join(dict.fromkeys((role, label))),
+                    f"is constant, all {values.size} values are {low:g}",
+                )
+                small = f"has a range of {high - low:g}, which is too small"
+                raise RecordingError(f"{rows.path}: {name} {equal if low == high else small}")
         x, y = rows.signals
         for array in (x, y, rows.uncounted):
             array.flags.writeable = False

@@ -1,5 +1,5 @@
-"""The rows of a recording while they are checked and repaired, and their order in time: repeated time stamps, and
-restarts or pauses of the times, at which a part begins."""
+"""The rows of a recording while they are checked and repaired, and their order in time: sorted rows, repeated time
+stamps, and restarts or pauses of the times, at which a part begins."""
 
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -19,6 +19,8 @@ LEAST_PAUSE = 10.0
 """Shortest pause between two parts, in sampling periods and in neighbouring steps; a shorter one is a gap."""
 WINDOW = 65536
 """Rows at the start from which the usual step is estimated, and at the start and the end the rounding of times."""
+TO_AND_FRO, LEAST_JUMP = 10.0, 0.02
+"""Travel of a signal that is no single run, and its smallest mean step if it is out of order, both in ranges."""
 
 
 @dataclass
@@ -84,9 +86,47 @@ class Rows:
         return ", ".join(names) + (f" and {at.size - most} more" if at.size > most else "")
 
 
+def sort_by_time(rows: Rows) -> None:
+    """Put rows that are sorted by a signal, or by falling times, in the order of their times."""
+    times = rows.times
+    if (times[1:] >= times[:-1]).all():
+        return
+    if _monotonic(times) or (np.unique(times).size == times.size and any(map(_monotonic, rows.signals))):
+        rows.repairs.append("its rows were not in the order of their times, and were sorted by time")
+        rows.select(np.lexsort((-np.arange(rows.length), times)))
+        rows.starts = [0]
+
+
 def run_starts(times: Vector) -> list[int]:
     """The first row of each run of rising times."""
     return [0, *(np.flatnonzero(np.diff(times) < 0.0) + 1).tolist()]
+
+
+def refuse_sorted(rows: Rows) -> None:
+    """Refuse rows without times that are sorted by one signal while the other jumps back and forth.
+
+    Raises
+    ------
+    RecordingError
+        The order in time, which hysteresis needs, is lost.
+    """
+    if rows.time_label or len(rows.signals) < 2:
+        return
+    for label, ordered, other in zip(rows.labels, rows.signals, rows.signals[::-1], strict=True):
+        steps, span = np.diff(ordered), float(np.ptp(other))
+        travel = float(np.abs(np.diff(other)).sum())
+        jumps = travel > LEAST_JUMP * rows.length * span or not steps.all()
+        if _monotonic(ordered) and travel > TO_AND_FRO * span > 0.0 and jumps:
+            raise RecordingError(
+                f"{rows.path}: {label} only {'rises' if steps.max() > 0.0 else 'falls'} while the other signal goes "
+                "back and forth: the rows are sorted by it, and their order in time, which hysteresis needs, is lost"
+            )
+
+
+def _monotonic(values: Vector) -> bool:
+    """True if the known values never rise or never fall, and are not constant."""
+    steps = np.diff(values[~np.isnan(values)])
+    return bool(((steps >= 0.0).all() or (steps <= 0.0).all()) and steps.any())
 
 
 def begin_parts(rows: Rows, even: bool = True) -> None:

@@ -267,9 +267,9 @@ def test_impossible_options_are_refused(tmp_path: Path, options: dict[str, Any],
         Recording.open(text_file(tmp_path, *waves(TWO_RATES)), **options)
 
 
-def test_a_period_replaces_a_time_column_only_if_that_is_said_to_be_none(tmp_path: Path) -> None:
+def test_a_period_that_agrees_with_the_time_column_or_stands_in_its_place_is_taken(tmp_path: Path) -> None:
     even = text_file(tmp_path, *waves(np.arange(500) * 1e-3))
-    assert "has the time column 'time_s', which --sample-time" in refusal(even, sample_time=1e-3)
+    assert Recording.open(even, sample_time=1e-3).sample_time == 1e-3
     assert Recording.open(even, sample_time=1e-2, time="none").sample_time == 1e-2
 
 

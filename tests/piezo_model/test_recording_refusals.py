@@ -176,8 +176,7 @@ REFUSED: list[tuple[list[str], dict[str, Any], str]] = [
     (
         timed(EVEN),
         {"time": "1", "sample_time": 0.01},
-        "has the time column 'time_s', which --sample-time or --sample-rate would replace; omit these, or give --time "
-        "none",
+        "has one sample every 0.005 s, and --sample-time says 0.01 s; omit --sample-time, or give --time none",
     ),
     # times
     (

@@ -82,7 +82,13 @@ REPAIRED: dict[str, tuple[str, str, slice, int]] = {
         slice(0),
         2,
     ),
-    "bars": (table(T, X, changed(Y, 7), separator="|"), "is missing in row 9", slice(0), 1),
+    "rows sorted by the drive": (table(T[SLOW], X[SLOW], Y[SLOW]), "not in the order of their times", slice(0), 0),
+    "rows in falling time, bars": (
+        table(T[::-1], X[::-1], Y[::-1], separator="|"),
+        "order of their times",
+        slice(0),
+        0,
+    ),
     "a logger quicker than its clock": (
         table(np.repeat(T, 3), np.repeat(X, 3), np.repeat(Y, 3)),
         "4000 of 6000 rows repeat the time",
@@ -130,9 +136,13 @@ def test_a_repair_is_named_with_its_row_and_refused_if_strict(tmp_path: Path, ki
 
 SHUFFLED = np.random.default_rng(0).permutation(N)
 SPOILED: dict[str, tuple[str, dict[str, Any], str]] = {
-    "shuffled rows": (table(T[SHUFFLED], X[SHUFFLED], Y[SHUFFLED]), {}, "runs backwards"),
-    "rows sorted by the drive": (table(T[SLOW], X[SLOW], Y[SLOW]), {}, "backwards in row .* s; sort the rows by time"),
-    "rows in falling time": (table(T[::-1], X[::-1], Y[::-1]), {}, "runs backwards in row 3"),
+    "shuffled rows": (table(T[SHUFFLED], X[SHUFFLED], Y[SHUFFLED]), {}, "backwards .* s; sort the rows by time"),
+    "sorted rows without times": (table(X[SLOW], Y[SLOW], header=HEADER[1:]), {"sample_time": 1e-3}, "order in time"),
+    "sorted by the sensor": (
+        table(*(v[np.argsort(-Y)] for v in (X, Y)), header=HEADER[1:]),
+        {"sample_time": 1e-3},
+        "only falls while the other signal",
+    ),
     "stamps that repeat and values that do not": (
         table(np.repeat(1.0371 * T[::4], 4), X, Y),
         {},
@@ -183,6 +193,7 @@ SPOILED: dict[str, tuple[str, dict[str, Any], str]] = {
     "lost decimal marks of the times": (table(np.round(T * 1e6), X, Y, digits=12), {}, "one sample every 5000 s; is a"),
     "a resampling by mistake": (CLEAN, {"resample": 1e-6}, "makes 9995001 samples of 2000 rows"),
     "no rows in a part": (CLEAN, {"from_s": 50.0}, "has 0 rows between --from 50 and --to inf"),
+    "a period that the clock contradicts": (CLEAN, {"sample_time": 0.1}, "has one sample every 0.005 s, and --sample"),
     "a length for a unit of time": (table(T, X, Y), {"time_unit": "um"}, "'um', .* of time; --time-unit"),
     "a zero byte": (CLEAN.replace("time_s", "t\0ime_s"), {}, "neither plain text"),
     "a name that two columns have": (

@@ -153,6 +153,11 @@ FILES: dict[str, tuple[bytes | str, dict]] = {
         {"input": "CH3", "output": "CH4"},
     ),
     "header by its row": (f"1,2,3\nnumbers,follow,below\n{HEADER}{rows('{t},{x},{y}')}", {"header_row": 3}),
+    "header without its line break": (
+        "# afmformats\n#\n# height (measured)\theight (piezo)\tsegment\ttime"
+        + rows("{y}\t{x}\t{flag}\t{t}", end="\r\n"),
+        {},
+    ),
     "LabVIEW's rows without times": (
         f"LabVIEW Measurement\t\nX_Columns\tNo\n***End_of_Header***\t\n\t\nChannels\t2\t\t\nSamples\t{N}\t{N}\t\n"
         f"Delta_X\t{1 / RATE:.9f}\t{1 / RATE:.9f}\t\n***End_of_Header***\t\t\t\n"

@@ -230,6 +230,7 @@ def _table(
     source: Source, encoding: str, lines: Sequence[str], layout: Layout, region: Region, begin: int, end: int
 ) -> Table:
     start = begin + sum(_size(line, encoding) for line in lines[: layout.start])
+    start += _size(lines[layout.start][: layout.glued], encoding)
     stop, dropped = end_of_rows(source, encoding, layout, start, end)
     header = region.line + (layout.header or 0) + 1
     clauses = {
@@ -237,6 +238,7 @@ def _table(
         f"separated by {SEPARATORS[layout.dialect.separator]}": not source.sheet,
         "decimal comma": layout.dialect.decimal == ",",
         "no header" if layout.header is None else f"header in row {header}": True,
+        "which also contains the first row": layout.glued,
     }
     form = ", ".join(clause for clause, holds in clauses.items() if holds)
     rows = TextRows(source, encoding, layout, start, stop, region.line)
