@@ -21,18 +21,15 @@ int64_t accelerated_steps(ProjectedGradient *s, int64_t steps, real tolerance)
     int64_t k = 0;
     int done = 0;
     memcpy(s->momentum, s->w, (size_t)ld * sizeof(real));
+    affine(s->columns, ld, d, s->w, s->shift, s->next);
     for (int j = 0; j < ld; j += LANES) {
-        store(s->carry + j, add(load(s->w + j), load(s->shift + j)));
+        most = maximum(maximum(magnitude(load(s->shift + j)), magnitude(load(s->next + j))), most);
     }
-    affine(s->columns, ld, d, s->w, s->carry, s->next);
-    for (int j = 0; j < ld; j += LANES) {
-        const vec8 gradient = sub(load(s->next + j), load(s->w + j));
-        most = maximum(maximum(magnitude(load(s->shift + j)), magnitude(gradient)), most);
-    }
-    const real unit = 1 / power_below(largest8(most)), gradient = distance_squared(s->next, s->w, unit, ld);
-    memset(s->next, 0, (size_t)ld * sizeof(real));
-    const real linear = distance_squared(s->shift, s->next, unit, ld);
+    const real unit = 1 / power_below(largest8(most));
+    const real gradient = length_squared(s->next, unit, ld), linear = length_squared(s->shift, unit, ld);
     const real threshold = tolerance * tolerance * (gradient > linear ? gradient : linear);
+    s->head->unit = unit;
+    s->head->threshold = threshold;
     while (k < steps && !done) {
         vec8 agreement = zeros(), square = zeros();
         affine(s->columns, ld, d, s->momentum, s->carry, s->next);
@@ -61,6 +58,5 @@ int64_t accelerated_steps(ProjectedGradient *s, int64_t steps, real tolerance)
         ++k;
     }
     s->head->steps = k;
-    s->head->met = done;
     return k;
 }

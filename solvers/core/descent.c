@@ -165,9 +165,6 @@ int descent_set_data(ProjectedGradient *s, const real *P, const real *q, real ra
     for (int j = 0; j < d; ++j) {
         s->shift[j] = -(real)s->head->eta * (s->q[j] * s->D[j]);
     }
-    for (int j = 0; j < ld; j += LANES) {
-        store(s->carry + j, add(load(s->w + j), load(s->shift + j)));
-    }
     return OK;
 }
 
@@ -189,6 +186,25 @@ void descent_start(ProjectedGradient *s, const real *x)
     go_to_next(s);
 }
 
+/* Whether the projected gradient at w is within the threshold, but for the rounding of its terms. Steps tell less:
+ * where w is large and P flat, they end by the rounding of w. */
+static int is_met(const ProjectedGradient *s)
+{
+    vec8 total = zeros(), unit = splat((real)s->head->unit);
+    for (int b = 0; b < s->ld; b += LANES) {
+        vec8 w = load(s->w + b), step = load(s->shift + b), terms = magnitude(step);
+        for (int j = 0; j < s->d; ++j) {
+            const vec8 term = mul(load(s->columns + j * s->ld + b), splat(s->w[j]));
+            step = add(step, term);
+            terms = add(terms, magnitude(term));
+        }
+        step = magnitude(clip(step, sub(load(s->lower + b), w), sub(load(s->upper + b), w)));
+        step = maximum(sub_mul(step, terms, splat((real)s->d * REAL_EPSILON)), zeros());
+        total = plus_product(total, mul(step, unit), mul(step, unit));
+    }
+    return sum8(total) <= (real)s->head->threshold;
+}
+
 void descent_answer(ProjectedGradient *s)
 {
     for (int j = 0; j < s->d; ++j) {
@@ -196,33 +212,24 @@ void descent_answer(ProjectedGradient *s)
         /* A bound divided and multiplied by D may differ in the last bit. */
         s->answer[j] = s->w[j] >= s->upper[j] ? s->ub[j] : s->w[j] <= s->lower[j] ? s->lb[j] : inside;
     }
+    s->head->met = is_met(s);
 }
 
-/* If tolerance >= 0, every sixteenth step tests whether the projected gradient (w(k) - w(k+1))/eta is at most tolerance
- * |q| (2-norms), and ends the run if it is. The last step always tests, by WITHOUT_TOLERANCE if there is no tolerance.
- */
+/* If tolerance >= 0, every sixteenth step tests whether the projected gradient (w - Proj(w - eta (P w + q)))/eta is at
+ * most tolerance |q| (2-norms), and ends the run if it is. Without a tolerance, the answer is judged by
+ * WITHOUT_TOLERANCE. */
 int64_t projected_steps(ProjectedGradient *s, int64_t steps, real tolerance)
 {
-    const int d = s->d, ld = s->ld;
     const real sought = tolerance >= 0 ? tolerance : WITHOUT_TOLERANCE;
+    const real unit = 1 / power_below(largest_entry(s->shift, s->ld));
     int64_t k = 0;
-    int done = 0;
-    memset(s->next, 0, (size_t)ld * sizeof(real));
-    const real unit = 1 / power_below(largest_entry(s->shift, ld));
-    const real threshold = sought * sought * distance_squared(s->shift, s->next, unit, ld);
-    while (k < steps && !done) {
-        const int look = k == steps - 1 || (tolerance >= 0 && k % LOOK_EVERY == LOOK_EVERY - 1);
-        affine(s->columns, ld, d, s->w, s->carry, s->next);
-        ++k;
-        if (look) {
-            for (int j = 0; j < ld; j += LANES) {
-                store(s->next + j, clip(load(s->next + j), load(s->lower + j), load(s->upper + j)));
-            }
-            done = distance_squared(s->next, s->w, unit, ld) <= threshold;
-        }
+    s->head->unit = unit;
+    s->head->threshold = sought * sought * length_squared(s->shift, unit, s->ld);
+    while (k < steps && !(tolerance >= 0 && k > 0 && k % LOOK_EVERY == 0 && is_met(s))) {
+        affine(s->columns, s->ld, s->d, s->w, s->carry, s->next);
         go_to_next(s);
+        ++k;
     }
     s->head->steps = k;
-    s->head->met = done;
     return k;
 }

@@ -17,8 +17,9 @@ typedef struct {
     int32_t kind, d;
     int64_t bytes;
     double eta;
-    int64_t steps; /* of the last run */
-    int32_t met;   /* whether it ended by its tolerance */
+    int64_t steps;          /* of the last run */
+    int32_t met;            /* whether the answer met its tolerance */
+    double threshold, unit; /* squared length of a step that meets it, and the unit of its square */
 } ProjectedGradientHead;
 
 typedef struct {
@@ -37,7 +38,7 @@ CORE_API ProjectedGradient descent_at(void *memory);
 /* Initialise a block of descent_bytes(d) bytes for d variables with the bounds lb, ub (d); x, P and q are zero. */
 CORE_API int descent_setup(void *memory, int d, const real *lb, const real *ub);
 /* Set P (d, d) and q (d), NULL to keep one; scale to unit diagonal if `scaled`. OK, NOT_FINITE, ASYMMETRIC or
- * INDEFINITE. */
+ * INDEFINITE. Steps begin anew after that. */
 CORE_API int descent_set_data(ProjectedGradient *s, const real *P, const real *q, real ratio, int scaled);
 /* Begin at the projection of x (d), or of 0 for NULL. */
 CORE_API void descent_start(ProjectedGradient *s, const real *x);
@@ -45,16 +46,16 @@ CORE_API void descent_start(ProjectedGradient *s, const real *x);
  */
 CORE_API int64_t projected_steps(ProjectedGradient *s, int64_t steps, real tolerance);
 CORE_API int64_t accelerated_steps(ProjectedGradient *s, int64_t steps, real tolerance);
-/* Write x (d) for w to s->answer, exactly at a bound if w is. */
+/* Write x (d) for w to s->answer, exactly at a bound if w is, and judge it. */
 CORE_API void descent_answer(ProjectedGradient *s);
 
-/* |a - b|^2 over ld entries, in units in which squares neither overflow nor vanish. */
-CORE_INLINE real distance_squared(const real *a, const real *b, real unit, int ld)
+/* |v|^2 of ld entries, in units in which squares neither overflow nor vanish. */
+CORE_INLINE real length_squared(const real *v, real unit, int ld)
 {
     vec8 total = zeros();
     for (int j = 0; j < ld; j += LANES) {
-        const vec8 apart = mul(sub(load(a + j), load(b + j)), splat(unit));
-        total = plus_product(total, apart, apart);
+        const vec8 entries = mul(load(v + j), splat(unit));
+        total = plus_product(total, entries, entries);
     }
     return sum8(total);
 }

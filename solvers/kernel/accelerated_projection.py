@@ -22,7 +22,7 @@ class AcceleratedProjection(ProjectedGradient):
     --------
     tolerance : float, default 1e-13
         Stop when the projected gradient is at most this multiple of max(|q|, |P w(0) + q|), 2-norms in the scaled
-        variables.
+        variables. The answer is found if its own is, but for the rounding of its terms.
     steps : int, default 100000
         Limit of the steps of one solve.
     diagonal_scaling : bool, default True

@@ -38,8 +38,9 @@ class ProjectedDifference(ProjectedGradient):
     diagonal_scaling : bool, default False
         Iterate in the variables w/D, D = diag(P)^−½; a box stays a box.
     tolerance : float or None, default None
-        Stop when the projected gradient |w(k+1) − w(k)|/η is at most this multiple of |q| (2-norms, tested every 16
-        steps). None, as in the paper: all steps are taken, and the answer is found if the last meets 1e-9.
+        Stop when the projected gradient |w − Proj(w − η (P w + q))|/η is at most this multiple of |q| (2-norms, tested
+        every 16 steps), but for the rounding of its terms. None, as in the paper: all steps are taken, and the answer
+        is found if it meets 1e-9.
 
     Examples
     --------

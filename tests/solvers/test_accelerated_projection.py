@@ -49,9 +49,8 @@ def test_it_needs_far_fewer_steps_than_the_plain_recursion():
 
 
 def test_a_warm_start_at_the_answer_takes_one_step():
-    P, q, lb, ub = random_program(6, 18, 3)
-    best, _ = solved("box_active_set", P, q, lb, ub)
-    _, s = solved("accelerated_projection", P, q, lb, ub, tolerance=1e-9)
+    program = random_program(6, 18, 3)
+    (best, _), (_, s) = solved("box_active_set", *program), solved("accelerated_projection", *program, tolerance=1e-9)
     np.testing.assert_allclose(s.solve(best), best, atol=1e-8)
     assert s.solution().extras["steps"] == 1
 
@@ -74,17 +73,25 @@ def test_what_is_found_does_not_depend_on_the_size_of_q(name, size):
     np.testing.assert_allclose(np.ldexp(x, -size), best, rtol=0, atol=1e-7)
 
 
+FLAT = (np.diag([1.0, 1e-20]), np.array([1.0, -1.0]), np.array([1.0, 1e18]), np.full(2, INF))
+"""A program whose steps are lost in the rounding of its second variable, far from the optimum at 1e20."""
+
+
 @pytest.mark.parametrize(
-    ("name", "steps", "found"),
+    ("name", "program", "settings_", "found"),
     [
-        ("accelerated_projection", 3, False),
-        ("projected_difference", 0, False),
-        ("projected_difference", 1, False),
-        ("projected_difference", 15200, True),
+        *(("projected_difference", random_program(5, 18, 2), {"steps": k}, k > 1) for k in (0, 1, 15200)),
+        ("accelerated_projection", random_program(5, 18, 2), {"steps": 3}, False),
+        ("projected_difference", FLAT, {}, False),
+        ("projected_difference", FLAT, {"tolerance": 1e-6}, False),
+        ("accelerated_projection", FLAT, {"diagonal_scaling": False}, False),
+        ("accelerated_projection", FLAT, {}, True),
     ],
 )
-def test_a_run_ended_by_its_limit_of_steps_has_found_an_answer_only_if_its_last_step_is_short(name, steps, found):
-    assert solved(name, *random_program(5, 18, 2), steps=steps)[1].solution().found == found
+def test_an_answer_is_found_only_if_its_own_projected_gradient_is_short_however_short_the_last_step_was(
+    name, program, settings_, found
+):
+    assert solved(name, *program, **settings_)[1].solution().found == found
 
 
 @pytest.mark.parametrize("scale", [1e-100, 1e-12, 1e12, 1e100])
