@@ -10,7 +10,7 @@ only for solvers that use one (others warn), and no bounds of a side if all are 
 on infinite bounds.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -40,11 +40,9 @@ class QpsolversSolver(LibrarySolver):
         super().__init_subclass__(**options)
         cls.warm_startable = cls.name in WARM_STARTABLE
 
-    def _form(self, matrix: Matrix) -> Any:
-        return csc_matrix(matrix) if self._is_sparse else matrix
-
     def build(self, p: Program, rows: Stack) -> None:  # noqa: D102
         self._is_sparse = self.name in SPARSE_ONLY
+        form: Callable[[Matrix], Any] = csc_matrix if self._is_sparse else np.asarray
         if self.name == "qpax":
             import jax  # in single precision by default
 
@@ -52,19 +50,22 @@ class QpsolversSolver(LibrarySolver):
         sides = [side if np.isfinite(side).any() else None for side in (p.lb, p.ub)]
         if self.name in BREAKS_ON_INFINITY and not all(np.isfinite(side).all() for side in sides if side is not None):
             raise Unsupported(f"{self.name} behind qpsolvers takes the bounds of a side all finite or all infinite")
-        G, A = ((self._form(R), r) if r.size else (None, None) for R, r in ((p.G, p.h), (p.A, p.b)))
+        G, A = ((form(R), r) if r.size else (None, None) for R, r in ((p.G, p.h), (p.A, p.b)))
         if self.name in NEEDS_A_ROW and p.u.size == p.d:
             G = csc_matrix((1, p.d)), np.ones(1)
-        self._problem = Problem(self._form(p.P), p.q, *G, *A, *sides)
+        self._problem = Problem(form(p.P), p.q, *G, *A, *sides)
 
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:  # noqa: D102
         if P is not None and self._is_sparse:
             self._problem.P = csc_matrix(P)
 
     def call_library(self, warm_start: Vector | None) -> Vector | None:  # noqa: D102
-        start = warm_start if self.warm_startable else None
+        if self.name == "pyqpmad":  # it overwrites P if there is one variable
+            self._problem.P = self.program.P.copy()
         try:
-            self._answer = qpsolvers.solve_problem(self._problem, self.name, initvals=start, **self.settings)
+            self._answer = qpsolvers.solve_problem(
+                self._problem, self.name, warm_start if self.warm_startable else None, **self.settings
+            )
         except qpsolvers.ProblemError as error:
             raise Unsupported(f"{self.name} behind qpsolvers refuses the problem: {error}") from error
         except qpsolvers.SolverError as error:

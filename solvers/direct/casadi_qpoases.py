@@ -25,11 +25,18 @@ class CasadiQpoases(LibrarySolver):
     """``casadi.conic`` with the plugin qpoases, of dense h and a."""
 
     def build(self, p: Program, rows: Stack) -> None:
-        R, options = p.R[p.general], {"error_on_fail": False, "printLevel": "none", **self.settings}
+        # Without rows, the library ignores the bounds of a single variable: then it gets the row 0 ≤ 0ᵀx ≤ 1.
+        R, below, above = (
+            (p.R[p.general], p.l[p.general], p.u[p.general])
+            if p.d > 1 or p.u.size > 1
+            else (np.zeros((1, p.d)), np.zeros(1), np.ones(1))
+        )
         self._x, self._w = np.zeros(p.d), np.zeros(rows.size)
         shapes = {"h": casadi.Sparsity.dense(p.d, p.d), "a": casadi.Sparsity.dense(*R.shape)}
         with contextlib.redirect_stdout(io.StringIO()):  # a banner for every function, whatever its print level
-            self._function = casadi.conic("qp", "qpoases", shapes, options)
+            self._function = casadi.conic(
+                "qp", "qpoases", shapes, {"error_on_fail": False, "printLevel": "none", **self.settings}
+            )
             self._buffer: Any
             self._buffer, self._call = self._function.buffer()
         # The buffer keeps addresses without references, and reads matrices by columns.
@@ -37,8 +44,8 @@ class CasadiQpoases(LibrarySolver):
             "h": p.P.reshape(-1),
             "g": p.q,
             "a": R.ravel(order="F"),
-            "lba": p.l[p.general],
-            "uba": p.u[p.general],
+            "lba": below,
+            "uba": above,
             "lbx": p.lb,
             "ubx": p.ub,
         }

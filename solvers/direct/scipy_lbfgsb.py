@@ -33,7 +33,7 @@ class ScipyLbfgsb(BoxMinimiser):
         point = np.clip(np.zeros_like(lb) if start is None else start, lb, ub)
         for _ in range(1 + RESTARTS):
             result = minimize(self.cost, point, jac=True, method="L-BFGS-B", bounds=Bounds(lb, ub), options=options)
-            point, iterations = result.x, iterations + int(result.nit)
+            point, iterations = result.x, iterations + int(result.get("nit", 0))  # none if all are fixed
             stuck = bool(self.settings) and any(word in result.message for word in STUCK)
             if not stuck:
                 break

@@ -25,6 +25,7 @@ SHARES = {
     "rows": (1.0, 0.0, 0.0, 0.0),
     "mixed rows": (0.25, 0.25, 0.25, 0.25),
     "free rows": (0.0, 0.0, 0.0, 1.0),
+    "fixed": (0.0, 0.0, 1.0, 0.0),
 }
 
 
@@ -55,7 +56,7 @@ def pair(form: str, d: int, seed: int = 0, decades: float = 0.0) -> Pair:
     x = np.where(kind == "fixed", low, x)
     across = x[1] - x[0]
     A = rng.normal(size=(2, d))
-    A -= np.outer(A @ across, across) / (across @ across)  # A x is the same at both answers
+    A -= np.outer(A @ across, across) / max(across @ across, 1e-300)  # A x is the same at both answers
     G = rng.normal(size=(d // 3, d))
     h = (G @ x.T).max(axis=1)  # every row is active at one of the answers
     general: dict[str, Any] = {"G": G, "h": h, "A": A, "b": A @ x[0]} if form.endswith("rows") else {}
