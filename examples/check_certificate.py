@@ -151,6 +151,7 @@ def main(certificate: str, problem: str | None = None) -> None:
     check(all(data["P"][i][j] == data["P"][j][i] for i in range(d) for j in range(i)), "P is not symmetric")
     identity = [[Fraction(i == j) for j in range(d)] for i in range(d)]
     P = [[entry + (shift if i == j else 0) for j, entry in enumerate(row)] for i, row in enumerate(data["P"])]
+    check(0 <= shift * d * 10**12 <= sum(data["P"][i][i] for i in range(d)), "δ is more than rounding makes of P")
     check(is_semidefinite(P), "P + δI is not positive semidefinite")
 
     def cost(x: Row) -> Fraction:
@@ -162,6 +163,8 @@ def main(certificate: str, problem: str | None = None) -> None:
     best = rationals(document["optimum"])
     slacks, x, value = check_optimum("x*", best, P, q, data), best["x"], Fraction(document["optimum"]["value"])
     check(cost(x) == value, "x* has another cost")
+    linear, of_shift = dot(q, x), shift * dot(x, x) / 2
+    check(of_shift * 10**12 <= abs(value - constant - linear - of_shift) + abs(linear), "δ decides the optimum")
     tight = {field: [i for i, slack in enumerate(slacks[field]) if slack == 0] for field in slacks}
     check(document["active"] == tight, "other constraints are active")
     check([repr(float(entry)) for entry in x] == document["rounded"]["x"], "x is not x* rounded")
@@ -174,6 +177,8 @@ def main(certificate: str, problem: str | None = None) -> None:
         other = list(map(Fraction, document["second_optimum"]))
         check(is_feasible(slacks_at(other, data)), "the second optimum breaks a constraint")
         check(other != x and cost(other) == value, "the second optimum is none")
+    else:
+        check(document["unique"] == "undecided", "whether x* is unique is stated in another word")
     if "answer" in document:
         stated, answer = document["answer"], doubles(document["answer"]["x"])
         nearest = rationals(stated["nearest"])

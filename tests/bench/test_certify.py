@@ -4,6 +4,7 @@ import hashlib
 import json
 import runpy
 from collections.abc import Iterator
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -170,12 +171,23 @@ def test_a_certificate_of_other_data_is_refused_for_one_bit(tmp_path: Path) -> N
     assert "refused: q of the certificate is not that of" in said
 
 
-def test_a_nonconvex_program_is_refused_by_the_script_even_if_its_point_is_stationary(tmp_path: Path) -> None:
-    program = Problem(np.eye(2), np.zeros(2), lb=-np.ones(2), ub=np.ones(2))
-    found = document(program, certify(program, np.zeros(2)))
-    found["problem"]["P"] = [[(1.0).hex(), (2.0).hex()], [(2.0).hex(), (1.0).hex()]]
-    (tmp_path / "c.json").write_text(json.dumps(found))
-    assert checked(tmp_path / "c.json", refused=True) == "refused: P + δI is not positive semidefinite\n"
+@pytest.mark.parametrize(
+    ("P", "q", "shift", "unique", "why"),
+    [
+        ([[1.0, 2.0], [2.0, 1.0]], [0.0, 0.0], 0.0, "yes", "P + δI is not positive semidefinite"),
+        ([[1.0, 2.0], [2.0, 1.0]], [0.0, 0.0], 2.0, "yes", "δ is more than rounding makes of P"),
+        ([[1.0, 0.0], [0.0, 1.0]], [0.0, 0.0], -0.5, "yes", "δ is more than rounding makes of P"),
+        ([[1.0, 0.0], [0.0, 0.0]], [-1.0, -(2.0**-38)], 2.0**-41, "yes", "δ decides the optimum"),
+        ([[1.0, 0.0], [0.0, 1.0]], [0.0, 0.0], 0.0, "yes, surely", "whether x* is unique is stated in another word"),
+    ],
+)
+def test_a_stationary_point_of_a_program_that_is_convex_by_its_shift_alone_or_not_at_all_is_refused_by_the_script(
+    tmp_path: Path, P: list[list[float]], q: list[float], shift: float, unique: str, why: str
+) -> None:
+    program = Problem(np.array(P), np.array(q))
+    proof = replace(certify(Problem(np.eye(2), program.q), np.zeros(2)), convexity_shift=shift)
+    (tmp_path / "c.json").write_text(json.dumps(document(program, proof) | {"unique": unique}))
+    assert checked(tmp_path / "c.json", refused=True) == f"refused: {why}\n"
 
 
 def test_the_problem_that_a_race_has_stored_is_certified_in_original_units(
