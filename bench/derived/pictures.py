@@ -20,7 +20,7 @@ from bench.derived import ranking, summary
 from bench.derived.measurements import Measurements, at_tiers
 from bench.derived.tiers import LANE, distance
 from bench.messages.columns import TYPICAL, worst
-from bench.messages.task import Tier
+from bench.messages.task import PAPER, Tier
 from bench.report.report import BEST, LEAST_GAP
 from bench.report.words import duration, marked
 
@@ -34,11 +34,10 @@ STAGES = ("set-up", "update", "solve")
 
 
 def named(table: pd.DataFrame) -> pd.DataFrame:
-    """The table with ``view``, ``name`` of the solver lane, and whether its settings count steps."""
+    """The table with ``view`` and ``name`` of the solver lane."""
     return table.assign(
         view=table.problem_set + ", " + table.scaling + " data",
         name=table.solver.map(marked) + " (" + table.lane + ")",
-        stepping=table.settings.str.contains('"steps"'),
     )
 
 
@@ -89,11 +88,11 @@ def _timed(measurements: Measurements) -> pd.DataFrame:
     """Rows at the setting for 1e-9 or the nearest to it, with ``time_us``, infinite if the answer is not right, and
     whether they are of a user's ``own`` file.
 
-    Methods whose settings count steps are left out.
+    The paper's method, whose settings are numbers of steps, is left out.
     """
     rows = measurements.lanes[measurements.lanes.start == "cold"]
     table = named(at_tiers(rows, measurements.settings, "furthest"))
-    table = table[(table.tier == Tier.HIGH) & ~table.stepping].drop(columns="stepping")
+    table = table[(table.tier == Tier.HIGH) & (table.solver != PAPER)]
     us = table.answer_us.where(table.right, np.inf).fillna(np.inf)
     return table.assign(time_us=us, own=measurements.is_own(table))
 
@@ -144,7 +143,7 @@ def stages(table: pd.DataFrame, own: Collection[str]) -> pd.DataFrame:
     They are a user's own and the fastest of each lane and view in a summary, at the most accurate tier that they reach.
     """
     table = named(summary.raced(table))
-    table = table[table.solve_us_p50.notna() & ~table.stepping]
+    table = table[table.solve_us_p50.notna() & (table.solver != PAPER)]
     rank = table.tier.map(MOST_EXACT.index)
     table = table[rank == rank.groupby([table.view, table.name]).transform("min")].sort_values(
         "answer_us", kind="stable"

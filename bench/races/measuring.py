@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.derived.measurements import NULL_SOLVER
-from bench.messages.task import NO_SETTING, Outcome, Row, Task
+from bench.messages.task import NO_SETTING, PAPER, Outcome, Row, Task
 from bench.problem_files.program import fields_of
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
@@ -231,7 +231,7 @@ def row_of(problem: RaceProblem, task: Task, outcome: Outcome, fresh: FreshData 
     )
     calls = outcome.times.get("sample", outcome.first_call + np.arange(solve.size))
     response = outcome.times.get("response", np.zeros(0))
-    cpu_us, steps, x = outcome.cpu_ns / max(solve.size, 1) / 1e3, outcome.settings.get("steps"), outcome.x
+    cpu_us, x = outcome.cpu_ns / max(solve.size, 1) / 1e3, outcome.x
     us, solve_us = answers_us(update, solve, cpu_us), solve / 1e3
     span_um = math.nan if validation is None else validation.span_um
     return complete(
@@ -256,7 +256,10 @@ def row_of(problem: RaceProblem, task: Task, outcome: Outcome, fresh: FreshData 
             "answer_us": median(us),
             "cpu_us": cpu_us,
             "samples": int(solve.size),
-            "periods": float(steps) if steps else median(us) / problem.period_us,
+            # the settings of any other solver may have this name too
+            "periods": outcome.settings.get("steps", math.nan)
+            if task.solver == PAPER
+            else median(us) / problem.period_us,
             "reported_us": outcome.reported_us,
             "iterations": outcome.iterations,
             "mutates_input": outcome.mutated,

@@ -57,7 +57,7 @@ def solve(self, warm_start=None):
     "keeps_for_its_other_settings": """
 @classmethod
 def ladder(cls, c):
-    return tuple({"tolerance": c * 10.0**-k} for k in (4, 8, 12, 14))
+    return tuple({"steps": number} for number in ("none", 1e-9, 2e-9, 3e-9))
 
 def solve(self, warm_start=None):
     key = self.q.tobytes()
