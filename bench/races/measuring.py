@@ -64,7 +64,9 @@ def run_block(child: SolverChild, task: Task, P: Matrix | None, q: Matrix, most_
     n = len(block.answers) if most_ns < math.inf else len(q)
     shapes = {"answers": block.answers.shape, **{name: ns.shape for name, ns in block.times.items()}}
     if not block.failure and (
-        n not in range(1, len(q) + 1) or shapes != {"answers": (n, q.shape[1]), "update": (n,), "solve": (n,)}
+        n not in range(1, len(q) + 1)
+        or shapes != {"answers": (n, q.shape[1]), "update": (n,), "solve": (n,)}
+        or not all((ns >= 0).all() for ns in block.times.values())
     ):
         return Outcome("tampered", "its process sent an answer that was not requested")
     return replace(block, cpu_ns=math.nan if block.failure else child.cpu_ns() - cpu_ns)
@@ -124,6 +126,7 @@ def scheduled(child: SolverChild, task: Task, form: CertifiedForm, fresh: FreshD
         if (
             shapes != {"answers": (n, q.shape[1]), "update": (n,), "solve": (n,), "sample": (n,), "response": (len(q),)}
             or not (np.diff(sample, prepend=-1, append=len(q)) > 0).all()
+            or not all((ns >= 0).all() for ns in block.times.values())
         ):
             return Outcome("tampered", "its process sent an answer that was not requested")
         blocks.append(replace(block, times={**block.times, "sample": sample + first}))

@@ -36,7 +36,7 @@ RIGHT = {
     "times_itself",
 }
 """Those whose answers are right, so that they gain no more than a part of their time."""
-TAMPERED = ("looks", "looks_into_memory", "patches_the_guard", "sends_by_itself", "loses_times")
+TAMPERED = ("looks", "looks_into_memory", "patches_the_guard", "sends_by_itself", "loses_times", "takes_time_back")
 RUNS = 100
 
 
