@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from piezo_model import checks, json_file
-from piezo_model.compensator import Compensator, CompensatorState
+from piezo_model.compensator import Compensator, CompensatorState, blend_factor
 from piezo_model.core import bindings, exclusively
 from piezo_model.json_file import Number
 from piezo_model.learning.driven_range import DrivenRange
@@ -346,8 +346,10 @@ class SelfLearningCompensator(Learner):
         saved = json_file.convert(state, SavedState)
         model = HysteresisCreepModel.from_file(saved["compensator"]["model"])
         learner = cls(model.structure, **vars(settings), model=model)
-        if learner.structure != model.structure:
-            raise ValueError("the model has no constant term, which the settings ask for")
+        if model.structure != learner.structure or saved["compensator"]["decay"] != blend_factor(
+            model.structure, settings.blend_time_s
+        ):
+            raise ValueError("the settings ask for a constant term, which the model has not, or for another blend time")
         learner._compensator.restore(saved["compensator"])
         learner._core.restore(saved["learning"]["core"], bindings.learner_restore)
         learner._core["noise_gains"][:] = learner._compensator.prefilter.noise_gains

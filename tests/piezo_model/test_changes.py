@@ -176,6 +176,7 @@ CONTRADICTED: dict[str, tuple[tuple[tuple[Any, ...], Any], ...]] = {
         (("compensator",), Compensator(SHAKY, integral_gain=1.0).get_state()),
         (("compensator", "play", 1), NAN),
         (("compensator", "prefilter"), np.zeros(3)),
+        (("compensator", "decay"), 0.5),
         (("learning", "core"), np.zeros(64, np.uint8)),
         (("learning", "driven"), {"spans": [], "observed": 7}),
         (("log",), "none"),
