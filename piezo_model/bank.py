@@ -246,7 +246,7 @@ class CompensatorBank(Stateful):
             "w_S": model.w_S_inverse,
             "w_K": model.w_K,
             "offset": model.offset,
-            "in_use": self.structure.inverse_slope_map @ model.weights,
+            "in_use": self.structure.slopes_of(model.weights),
         }
         for name, values in numbers.items():
             self._view(name)[lanes(slots)] = values

@@ -196,8 +196,7 @@ class HysteresisCreepModel(Immutable):
     def slopes(self) -> Vector:
         """Slopes of the piecewise linear S⁻¹, from the outermost negative to the outermost positive piece."""
         s = self.structure
-        block = s.slices[1]
-        return read_only(s.inverse_slope_map[block, block] @ self.w_S_inverse)
+        return read_only(s.slopes_of(self.all_weights[1 : s.d + 1])[s.slices[1]])
 
     @cached_property
     def arrays(self) -> simulation.Arrays:

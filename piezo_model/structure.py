@@ -288,11 +288,14 @@ class ModelStructure(Immutable):
     @cached_property
     def inverse_slope_map(self) -> Matrix:
         """The partial sums T⁻¹ from weight to slope coordinates, v = T⁻¹ w, shape (d, d), of zeros and ones."""
-        S = np.eye(self.d)
-        first, middle, last = self.n, self.n + self.middle, self.n + self.dead_zones
-        for i in range(first, last):
-            S[i, min(i, middle) : max(i, middle) + 1] = 1.0
-        return read_only(S)
+        return read_only(np.column_stack([self.slopes_of(unit) for unit in np.eye(self.d)]))
+
+    def slopes_of(self, w: Vector) -> Vector:
+        """v (d,) of w (d,), to the last bit as in the core: summed outwards from zero."""
+        v, middle = w.copy(), self.middle
+        S = v[self.slices[1]]
+        S[middle:], S[: middle + 1] = np.cumsum(S[middle:]), np.cumsum(S[middle::-1])[::-1]
+        return v
 
     def lower_bounds(self, min_slope: float) -> Vector:
         """Lower bounds of v: 0 for w_H and w_K, ``min_slope`` (normalised units) for slopes, −∞ for the offset."""

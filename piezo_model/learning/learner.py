@@ -77,7 +77,7 @@ class Learner(Stateful):
 
     def _begin(self, state: OperatorState, resets: bool) -> None:
         """Begin to learn from the compensator's model and these states of the operators."""
-        self._core["in_use"][:] = self.structure.inverse_slope_map @ self.model.weights
+        self._core["in_use"][:] = self.structure.slopes_of(self.model.weights)
         bindings.learner_begin(self._core.block, self._compensator.block, state.play, state.creep, resets)
 
     @property

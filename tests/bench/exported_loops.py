@@ -118,9 +118,10 @@ def learning(
     structure: ModelStructure | None = None,
     dynamics: Dynamics | None = None,
 ) -> Expected:
-    """The self-learning loop on a stage, of one of LOOPS."""
-    structure = a_model().structure if structure is None else structure
-    start = replace(HysteresisCreepModel.from_weights(structure, structure.straight_line), dynamics=dynamics)
+    """The self-learning loop on a stage, of one of LOOPS, from a model of another stage or, of a given structure, from
+    the straight line."""
+    structure, w = (structure, structure.straight_line) if structure else (a_model().structure, a_model(seed=3).weights)
+    start = replace(HysteresisCreepModel.from_weights(structure, w), dynamics=dynamics)
     loop = loop_of(solver)
     learner = SelfLearningCompensator(
         start.structure,
