@@ -96,7 +96,8 @@ class LiveSettings:
     def out_of_reach(self) -> str:
         """A sentence if the stage cannot follow the reference by its first model, in the range of that; empty if it
         can."""
-        up, y_ref = np.linspace(*np.clip(self.declared.x_limits, *self.model.structure.x_range), SWEPT), self.reference
+        low, high = np.clip(self.declared.x_limits, *self.model.structure.x_range).tolist()
+        up, y_ref = np.linspace(low, high, SWEPT), self.reference
         y = self.model.static.simulate(np.concatenate([up, up[::-1]]))
         if max(y.min() - y_ref.min(), y_ref.max() - y.max()) <= BEYOND * np.ptp(y):
             return ""
