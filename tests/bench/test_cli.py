@@ -265,7 +265,7 @@ CORES = len(cores.usable())
         ((*IDENTIFY, "--n", "many"), ["--n"]),
         ((*IDENTIFY, "--skip", "8000"), ["skip"]),
         ((*IDENTIFY, "--table", "Messung 1"), ["stage.csv", "no tables 'Messung 1'", "--table"]),
-        ((*IDENTIFY, "--time", "time_s", "--sample-time", "0.001"), ["stage.csv", "time_s", "--time none"]),
+        ((*IDENTIFY, "--time", "time_s", "--sample-time", "0.01"), ["stage.csv", "time_s", "--time none"]),
         ((*IDENTIFY, "--lag", "later"), ["--lag"]),
         (
             ("inspect", "stage.csv", "--sample-rate", 1000, "--sample-time", 1),
