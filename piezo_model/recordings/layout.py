@@ -350,7 +350,7 @@ def _headed(
         else [k for k in (header_row - 1, header_row) if header_row and k < start]  # names, and perhaps units
     )
     broken = any(lines[k].count('"') % 2 for k in above)  # a name in quotes has a line break
-    headed = [(k, cells) for k in above if not broken and (cells := _names(dialect, lines[k], kinds))]
+    headed = [(k, cells) for k in above if not broken and (cells := _names(dialect, lines[k], kinds, lines[start]))]
     none: Sequence[str] = [""] * len(kinds)
     if not headed and above and (glued := _glued(dialect, lines[above[-1]], kinds)):
         return above[-1], glued[0], none, glued[1]
@@ -391,8 +391,8 @@ def _uncommented(dialect: Dialect, line: str) -> str:
     return COMMENT.sub("", line, count=1) if dialect.is_comment(line) else line
 
 
-def _names(dialect: Dialect, line: str, kinds: Sequence[Kind]) -> list[str] | None:
-    """The names in a line above columns of these kinds; None for a remark."""
+def _names(dialect: Dialect, line: str, kinds: Sequence[Kind], row: str = "") -> list[str] | None:
+    """The names in a line above columns of these kinds, and above their first row; None for a remark."""
     width = len(kinds)
     for names in _splits(dialect, _uncommented(dialect, line)):
         cells = [cell.strip().strip('"').strip() for cell in names]
@@ -400,8 +400,9 @@ def _names(dialect: Dialect, line: str, kinds: Sequence[Kind]) -> list[str] | No
             cells = cells[:-1]
         if 1 < len(cells) < width and set(kinds[len(cells) :]) == {"empty"}:  # rows end in separators
             cells = [*cells, *[""] * (width - len(cells))]
-        elif len(cells) == width - 1 > 1:  # rows start with an index
-            cells = ["", *cells]
+        elif len(cells) == width - 1 > 1:  # rows start with an index, or the last column has no name
+            own = (dialect.split(row) or [""])[0].strip('" ')
+            cells = ["", *cells] if own.isdigit() or dialect.kind(own) == "text" else [*cells, ""]
         if len(cells) == width and VALUES.isdisjoint(map(dialect.kind, cells)):
             return cells
     return None

@@ -98,8 +98,10 @@ def sort_by_time(rows: Rows) -> None:
 
 
 def run_starts(times: Vector) -> list[int]:
-    """The first row of each run of rising times."""
-    return [0, *(np.flatnonzero(np.diff(times) < 0.0) + 1).tolist()]
+    """The first row of each run of rising times, or of falling times if most of them fall."""
+    steps = np.diff(times)
+    against = steps < 0.0 if 2 * np.count_nonzero(steps < 0.0) < steps.size else steps > 0.0
+    return [0, *(np.flatnonzero(against) + 1).tolist()]
 
 
 def refuse_sorted(rows: Rows) -> None:

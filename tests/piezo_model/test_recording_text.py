@@ -59,6 +59,7 @@ FILES: dict[str, tuple[bytes | str, dict]] = {
     "empty first column": (f",time_s,voltage_V,height_um\n{rows(',{t},{x},{y}')}", {}),
     "index column": (f",time_s,voltage_V,height_um\n{rows('{i},{t},{x},{y}')}", {}),
     "index column of R": (f'"time_s" "voltage_V" "height_um"\n{rows("{i} {t} {x} {y}")}', {}),
+    "a last column without a name": (f"time_s,voltage_V,height_um\n{rows('{t},{x},{y},{t}')}", {}),
     "names with a slash below a remark": (f"# made by a rig\nt/s|u/V|y/um\n{rows('{t}|{x}|{y}')}", {}),
     "Boolean column": (f"height_um,voltage_V,contact,time_s\n{rows('{y},{x},{flag},{t}')}", {}),
     "quotes": ('time_s,voltage_V,"height_um",note\n' + rows('{t}, {x} ,"{y}","so, so"'), {}),
