@@ -67,8 +67,10 @@ LEARNER = (
     "descent.c",
     "acceleration.c",
     "regressors.h",
-    *(f"{name}.c" for name in ("continuous", "cyclic", "direction", "learner", "noise", "offer", "optimum", "rows")),
+    *(f"{name}.c" for name in ("continuous", "cyclic", "learner", "noise", "offer", "optimum")),
     "learner.h",
+    "direction.h",
+    "rows.h",
 )
 """Files of the core: always, and with a learner; preprocessor conditions select the code for the kind of learning."""
 FLOAT_BOUND = 1e-5

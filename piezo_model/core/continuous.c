@@ -5,7 +5,7 @@
  *
  * The candidate is the optimum of G at the last interval. At the end of an interval it replaces the weights in use if
  * it predicted the interval at least as well, and the optimum of the present G becomes the next candidate. Weights are
- * handed over only while the output rises with the input (direction.c) and the drive of the last one to two half
+ * handed over only while the output rises with the input (direction.h) and the drive of the last one to two half
  * windows covers enough of its range. While it covers less, after the first hand-over, learning pauses as well: G would
  * decay and be filled with sensor noise.
  *
@@ -17,7 +17,8 @@
  * - otherwise the sensor or the actuator has changed: learning begins anew, and new weights are handed over after a
  *   half window without a fault. The checkpoint is kept until then, since the old sensor may come back.
  */
-#include "learner.h"
+#include "direction.h"
+#include "rows.h"
 
 /* Weight of the weights in use when learning begins anew, relative to a full memory of amplitude 1. */
 #define BELIEF ((real)1e-6)
@@ -44,7 +45,7 @@ void N(learner_begin_anew)(const Learner *l, num which, num level)
     }
     set_where(which, m->recent, constant((real)NAN));
     copy_where(which, l->candidate, l->in_use, d);
-    N(learner_forget_direction)(m, which);
+    forget_direction(m, which);
     set_where(which, &m->level, level);
     set_where(which, &m->established, constant(0));
     set_where(which, &m->revert, constant(0));
@@ -172,7 +173,7 @@ static void learn(const Learner *l, const Block *block, const BlockSummary *b, n
     set_where(which, &m->predicted, plus(m->predicted, b->good));
     set_where(which, &m->wait, greatest(minus(m->wait, b->good), constant(0)));
     span_widen(m->span, b->span, which);
-    N(learner_add_rows)(l, b->count, which);
+    add_rows(l, b->count, which);
     N(noise_add)(l, block, which);
 }
 

@@ -2,7 +2,7 @@
  *
  *     reset    only the operator states advance                          ends after a number of good samples in a row
  *     build    good samples are added to the Gram matrix                 ends after a number of good samples, when the
- *                                                                        direction of the output is known (direction.c)
+ *                                                                        direction of the output is known (direction.h)
  *     learn    one step w <- Proj(w - eta (P w + q)) for each sample,    ends after a number of samples
  *              or waiting for the answer of another solver
  *
@@ -26,7 +26,7 @@
  *
  * Source: the paper's Fig. 1 and equations (3) to (7).
  */
-#include "learner.h"
+#include "rows.h"
 
 /* Share of earlier cycles in a problem if their data agree with the new ones. */
 #define RECALL ((real)0.3)
@@ -290,7 +290,7 @@ static void count(const Learner *l, const BlockSummary *b)
     }
     m->predicted += b->good;
     span_widen(m->span, b->span, 1);
-    learner_add_rows(l, b->count, 1);
+    add_rows(l, b->count, 1);
 }
 
 int cyclic_block(const Learner *l, const BlockSummary *b)

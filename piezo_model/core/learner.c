@@ -1,7 +1,8 @@
 /* A learner as a whole: its memory, its beginning, and what it does with the next block of samples, in continuous
  * (continuous.c) or cyclic operation (cyclic.c). All learners of a tile share clock, settings and mailbox.
  */
-#include "learner.h"
+#include "direction.h"
+#include "rows.h"
 
 static Checkpoint checkpoint_at(Arena *arena, Shape s)
 {
@@ -41,12 +42,12 @@ int N(learner_learn)(const Learner *l)
     if (block.head->epoch == m->epoch && any(l->memory->learning)) {
         const int cyclic = MODE(l->settings) == CYCLIC;
         const int counts = !cyclic || l->clock->phase == BUILD;
-        BlockSummary b = counts ? N(learner_rows)(l, &block, !cyclic) : N(learner_count)(&block);
+        BlockSummary b = counts ? write_rows(l, &block, !cyclic) : count_good(&block);
         b.fault = differs(known, l->memory->fault_count);
         if (block.head->answered == m->offered) {
             l->memory->pending = constant(0);
         }
-        events = counts ? N(learner_direction)(l, &block, b.span) : 0;
+        events = counts ? judge_direction(l, &block, b.span) : 0;
 #ifdef CORE_TILE
         events |= tile_continuous_block(l, &block, &b);
 #else
@@ -67,7 +68,7 @@ void N(learner_begin)(const Learner *l, num which, int resets)
 #ifndef CORE_TILE
     if (MODE(l->settings) == CYCLIC) {
         l->clock->past_span = 0; /* the memory of past cycles belongs to the model before */
-        learner_forget_direction(l->memory, 1);
+        forget_direction(l->memory, 1);
         cyclic_enter(l, RESET);
         return;
     }

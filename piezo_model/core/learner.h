@@ -61,7 +61,7 @@ enum { SQUARES, SLOPES, NOISE };
 /* A span is the lowest and highest drive, then the lowest and highest output. */
 enum { X_LOW, X_HIGH, Y_LOW, Y_HIGH, SPAN };
 /* Evidence of the direction: sums over the samples of the present stretch, the faded ones of the stretches before it
- * (direction.c), and the verdict: 1 the output rises with the input, -1 it falls, 0 not known yet. */
+ * (direction.h), and the verdict: 1 the output rises with the input, -1 it falls, 0 not known yet. */
 enum { ONE, X, Y, X_X, X_Y, Y_Y, MOMENTS, COUNT = MOMENTS, STRETCHES, XX, XY, YY, DIRECTION, EVIDENCE };
 
 /* State of a learner; flags are 1 or 0. piezo_model/learning/settings.py has the same names. */
@@ -222,9 +222,6 @@ CORE_API void N(continuous_begin)(const Learner *l, num which, int resets);
 CORE_API void N(continuous_pause)(const Learner *l);
 /* Learn from the next block, if there is one; its events. */
 CORE_API int N(learner_learn)(const Learner *l);
-/* Judge the direction of the output by a block of this span: REVERSED if it falls from now on. Forget it. */
-CORE_API int N(learner_direction)(const Learner *l, const Block *block, const num *span);
-CORE_API void N(learner_forget_direction)(LearnerMemory *m, num which);
 /* Forget everything but the weights in use, `level` being their mean squared error so far. */
 CORE_API void N(learner_begin_anew)(const Learner *l, num which, num level);
 /* Offer the unknowns `v` where `which` is 1; `fallback` where after a fault. Whether the last offer was answered, so
@@ -244,11 +241,6 @@ CORE_API int N(continuous_block)(const Learner *l, const Block *block, const Blo
 CORE_API num N(learner_optimum)(const Learner *l, num which);
 /* Write that program of one lane to the work space. */
 CORE_API void N(learner_program)(const Learner *l, int lane);
-/* Count the good samples of a block. Write its rows as well and sum it up; with `judges`, compute the errors of the
- * weights in use and the candidate. Add the rows to the Gram matrix where it `learns`. */
-CORE_API BlockSummary N(learner_count)(const Block *block);
-CORE_API BlockSummary N(learner_rows)(const Learner *l, const Block *block, int judges);
-CORE_API void N(learner_add_rows)(const Learner *l, int count, num learns);
 CORE_INLINE real lower_bound(const Learner *l, int j)
 {
     const Shape s = l->shape;

@@ -4,8 +4,6 @@
 #include "compensator.c"
 #include "controller.c"
 #include "learner.c"
-#include "rows.c"
-#include "direction.c"
 #include "offer.c"
 #include "continuous.c"
 #include "noise.c"

@@ -25,12 +25,10 @@
 
 #include "core/continuous.c"
 #include "core/cyclic.c"
-#include "core/direction.c"
 #include "core/learner.c"
 #include "core/noise.c"
 #include "core/offer.c"
 #include "core/optimum.c"
-#include "core/rows.c"
 
 static const double thresholds[] = PIEZO_R_H, zone_low[] = PIEZO_ZONE_LOW, zone_high[] = PIEZO_ZONE_HIGH;
 static const double outer_low[] = PIEZO_OUTER_LOW, outer_high[] = PIEZO_OUTER_HIGH;

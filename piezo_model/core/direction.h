@@ -10,6 +10,9 @@
  * for long. Weights are handed over only while the output rises: the inverse of a model of the wrong direction would
  * drive the actuator to a limit and keep it there.
  */
+#ifndef CORE_DIRECTION_H
+#define CORE_DIRECTION_H
+
 #include "learner.h"
 
 #define PART ((real)0.4)
@@ -22,19 +25,21 @@
 #define MANY ((real)20)
 #define WIDE ((real)0.06)
 
-void N(learner_forget_direction)(LearnerMemory *m, num which)
+/* Forget the direction of the output. */
+CORE_INLINE void forget_direction(LearnerMemory *m, num which)
 {
     copy_where(which, m->evidence, (const num[EVIDENCE]){0}, EVIDENCE);
     span_clear(m->stretch, 2 * SPAN, which);
 }
 
 /* The sum of products of deviations from the means. */
-static num deviations(const num *e, int a, int b, int ab)
+CORE_INLINE num deviations(const num *e, int a, int b, int ab)
 {
     return minus(e[ab], divided(times(e[a], e[b]), greatest(e[ONE], constant(1))));
 }
 
-int N(learner_direction)(const Learner *l, const Block *block, const num *span)
+/* Judge the direction of the output by a block of this span: REVERSED if it falls from now on. */
+CORE_INLINE int judge_direction(const Learner *l, const Block *block, const num *span)
 {
     LearnerMemory *const m = l->memory;
     num *const e = m->evidence, *const driven = m->stretch + SPAN;
@@ -68,3 +73,5 @@ int N(learner_direction)(const Learner *l, const Block *block, const num *span)
     e[DIRECTION] = where(rises, constant(1), where(falls, constant(-1), e[DIRECTION]));
     return any(turns) ? REVERSED : 0;
 }
+
+#endif

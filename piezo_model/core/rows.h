@@ -5,9 +5,13 @@
  * sample by sample, where bad samples have rows of zeros and do not count. The sums of a block are those of its good
  * samples.
  */
+#ifndef CORE_ROWS_H
+#define CORE_ROWS_H
+
 #include "learner.h"
 
-BlockSummary N(learner_count)(const Block *block)
+/* Count the good samples of a block. */
+CORE_INLINE BlockSummary count_good(const Block *block)
 {
     BlockSummary b = {.count = block->head->count, .end = block->head->first + block->head->count};
     for (int k = 0; k < b.count; ++k) {
@@ -16,11 +20,13 @@ BlockSummary N(learner_count)(const Block *block)
     return b;
 }
 
-BlockSummary N(learner_rows)(const Learner *l, const Block *block, int judges)
+/* Write the rows of a block and sum it up; with `judges`, compute the errors of the weights in use and the candidate.
+ */
+CORE_INLINE BlockSummary write_rows(const Learner *l, const Block *block, int judges)
 {
     const Shape s = l->shape;
     const Workspace work = workspace_of(l), *const w = &work;
-    BlockSummary b = N(learner_count)(block);
+    BlockSummary b = count_good(block);
     span_clear(b.span, SPAN, constant(1));
     for (int i = 0; i < state_nums(s); ++i) { /* play, then creep */
         w->play[i] = from_shared(block->play, i);
@@ -37,7 +43,8 @@ BlockSummary N(learner_rows)(const Learner *l, const Block *block, int judges)
     return b;
 }
 
-void N(learner_add_rows)(const Learner *l, int count, num learns)
+/* Add the rows to the Gram matrix where it `learns`. */
+CORE_INLINE void add_rows(const Learner *l, int count, num learns)
 {
     const LearnerSettings *const p = l->settings;
     const int stride = row_nums(l->shape);
@@ -58,3 +65,5 @@ void N(learner_add_rows)(const Learner *l, int count, num learns)
     }
     gram_add(l->gram, l->d + 1, fade, rows, stride, count);
 }
+
+#endif
