@@ -346,10 +346,11 @@ class SelfLearningCompensator(Learner):
         saved = json_file.convert(state, SavedState)
         model = HysteresisCreepModel.from_file(saved["compensator"]["model"])
         learner = cls(model.structure, **vars(settings), model=model)
-        if model.structure != learner.structure or saved["compensator"]["decay"] != blend_factor(
-            model.structure, settings.blend_time_s
-        ):
-            raise ValueError("the settings ask for a constant term, which the model has not, or for another blend time")
+        checks.check(learner.structure == model.structure, "the model has no constant term, which the settings ask for")
+        checks.check(
+            saved["compensator"]["decay"] == blend_factor(model.structure, settings.blend_time_s),
+            "the state has another blend time than the settings",
+        )
         learner._compensator.restore(saved["compensator"])
         learner._core.restore(saved["learning"]["core"], bindings.learner_restore)
         learner._core["noise_gains"][:] = learner._compensator.prefilter.noise_gains

@@ -146,7 +146,7 @@ class ModelStructure(Immutable):
         """
         with checks.refusing(StructureError):
             checks.require(
-                lambda order: isinstance(order, int) and 0 <= order <= 1000,  # above all stages need, within memory
+                lambda order: isinstance(order, int) and 0 <= order <= 1000,  # more than any stage needs
                 "a whole number from 0 to 1000",
                 n=n,
                 m=m,
