@@ -44,7 +44,7 @@ SHARING = {
 """Files whose tests share an expensive fixture: one process runs them all."""
 LONGEST = ("export_c", "small races", "wide race", "figure_4_staircase", "export_fmu", "fleet", "live_ends")
 """Groups that start first, so that all processes end together; any other file is a group of its own."""
-LONG_TO_MAKE = {"drift_race", "scheduler", "slowed_races", "watched"}
+LONG_TO_MAKE = {"drift_race", "scheduler", "watched"}
 """Fixtures that take more than ten seconds for a few tests, which count as slow."""
 
 

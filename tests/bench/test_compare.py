@@ -142,42 +142,28 @@ def test_three_runs_stand_side_by_side_on_what_all_have_and_the_document_is_comp
     assert re.search(r"^osqp +direct +3 .* lost 1e-3", shown, re.MULTILINE)
 
 
-@pytest.fixture(scope="module")
-def slowed_races(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """Two races of a few solvers and of one that takes three times as long in the second race."""
-    folder, loaded = tmp_path_factory.mktemp("slowed"), that_load("proxsuite")
-    names = ("daqp", "quadprog", "clarabel", "piqp", *loaded, "qpalm", "scs", "osqp", "box_active_set")
-    for name, factor in (("before", 1.0), ("after", 3.0)):
+@pytest.mark.slow
+def test_a_solver_that_waits_is_found_between_two_races_and_repeats_are_one_task(
+    piezobench: CommandLine, tmp_path: Path
+) -> None:
+    names = ("daqp", "quadprog", "clarabel", "piqp", *that_load("proxsuite"), "qpalm", "scs", "osqp", "box_active_set")
+    words = ("--lane", "direct", "--scaling", "scaled", "--limit", 3, "--budget", 0.002, "--repeats", 2)
+    runs = [tmp_path / "runs" / name for name in ("before", "after")]
+    for run, factor in zip(runs, (1.0, 3.0), strict=True):
+        files = [*names, slowed_solver.write(tmp_path / run.name, factor)]
         piezobench.run(
             "race",
-            *(word for name in names for word in ("--solver", name)),
-            "--solver",
-            slowed_solver.write(folder / name, factor),
-            "--lane",
-            "direct",
-            "--scaling",
-            "scaled",
-            "--limit",
-            3,
-            "--budget",
-            0.002,
-            "--repeats",
-            2,
+            *(word for file in files for word in ("--solver", file)),
+            *words,
             "--name",
-            name,
+            run.name,
             "--out",
-            folder / "runs",
+            run.parent,
         )
-    return folder / "runs" / "before", folder / "runs" / "after"
-
-
-def test_a_solver_that_waits_is_found_between_two_races_and_repeats_are_one_task(
-    piezobench: CommandLine, slowed_races: tuple[Path, Path], tmp_path: Path
-) -> None:
-    call = piezobench("compare", *slowed_races, "--out", tmp_path / "c", "--fail-on", "regression")
+    call = piezobench("compare", *runs, "--out", tmp_path / "c", "--fail-on", "regression")
     assert call.status == 3, call.stdout
     assert re.search(r"^slowed +direct +2 .* [1-4]\.\d\d +slower$", call.stdout, re.MULTILINE)
-    found = compared(*map(Run.open, slowed_races))
+    found = compared(*map(Run.open, runs))
     assert (found.times.problems <= 6).all()  # repeats of a measurement are one task
     assert not any(rows.index.has_duplicates for rows in found.alone)
 
