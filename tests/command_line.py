@@ -6,6 +6,7 @@ status, which tests may kill.
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import re
@@ -15,9 +16,11 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import suppress
+from contextlib import chdir, redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass
 from pathlib import Path
+
+from bench.cli.app import run
 
 PATIENCE_S = 60.0
 LIVE = (sys.executable, "-m", "bench", "live")
@@ -110,6 +113,13 @@ class Finished:
         assert len(lines) == 1, self.stderr
         assert lines[0].startswith("piezobench"), lines[0]
         return lines[0]
+
+
+def in_process(*words: object, folder: Path | None = None) -> Finished:
+    """The result of a call in this process, whose server of further processes all such calls share."""
+    with chdir(folder or Path()), redirect_stdout(io.StringIO()) as out, redirect_stderr(io.StringIO()) as error:
+        status = run([str(word) for word in words])
+    return Finished(status, out.getvalue(), without_waiting(error.getvalue()))
 
 
 class Call:

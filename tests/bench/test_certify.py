@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import slowed_solver
 from box_programs import many_weak_rows
-from command_line import CommandLine, python, run_example
+from command_line import CommandLine, in_process, python, run_example
 from hostile_files import spoiled
 from qpsolvers import Problem
 from scipy.sparse import csc_matrix
@@ -69,21 +69,17 @@ def saved(problem: Problem, folder: Path) -> Path:
 
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("name", PROGRAMS)
-def test_a_certificate_is_confirmed_by_a_script_without_any_package(
-    piezobench: CommandLine, tmp_path: Path, name: str
-) -> None:
+def test_a_certificate_is_confirmed_by_a_script_without_any_package(tmp_path: Path, name: str) -> None:
     file = saved(PROGRAMS[name], tmp_path)
     np.save(tmp_path / "x.npy", RNG.normal(size=PROGRAMS[name].q.size))
-    piezobench.run("certify", file, "--answer", tmp_path / "x.npy", "--out", tmp_path / "certificate.json")
+    in_process("certify", file, "--answer", tmp_path / "x.npy", "--out", tmp_path / "certificate.json")
     assert checked(tmp_path / "certificate.json", file).startswith("every number holds")
 
 
-def test_the_sentences_state_the_optimum_and_the_judgement_of_an_answer(
-    piezobench: CommandLine, tmp_path: Path
-) -> None:
+def test_the_sentences_state_the_optimum_and_the_judgement_of_an_answer(tmp_path: Path) -> None:
     np.savez(tmp_path / "p.npz", P=np.eye(2), q=np.array([-3.0, 1.0]), lb=np.zeros(2), ub=np.full(2, 2.0), c=1.5)
     np.save(tmp_path / "x.npy", np.array([1.5, -0.25]))
-    said = piezobench("certify", tmp_path / "p.npz", "--answer", tmp_path / "x.npy").stdout
+    said = in_process("certify", tmp_path / "p.npz", "--answer", tmp_path / "x.npy").stdout
     assert "The least cost is -2.5, exactly -5/2; this is proved in exact arithmetic." in said
     assert "x* is the only one; tight at x*: lb 1; ub 0." in said
     assert "breaks the constraints by 0.25 at most; the feasible point nearest to it costs 0.625 more" in said
@@ -107,13 +103,13 @@ ENDATA
 
 
 def test_the_greatest_value_of_an_objective_that_is_maximised_is_stated_as_in_the_list_of_problems(
-    piezobench: CommandLine, tmp_path: Path
+    tmp_path: Path,
 ) -> None:
     (tmp_path / "greatest.qps").write_text(GREATEST)
-    said = piezobench("certify", tmp_path / "greatest.qps").stdout
+    said = in_process("certify", tmp_path / "greatest.qps").stdout
     assert "its greatest value is 7.0. The least cost of its negative is -7.0, exactly -7; this is proved" in said
-    assert json.loads(piezobench("certify", tmp_path / "greatest.qps", "--json").stdout)["objective"]["value"] == "7"
-    listed = json.loads(piezobench("problems", "--set", "foreign", "--folder", tmp_path, "--json").stdout)
+    assert json.loads(in_process("certify", tmp_path / "greatest.qps", "--json").stdout)["objective"]["value"] == "7"
+    listed = json.loads(in_process("problems", "--set", "foreign", "--folder", tmp_path, "--json").stdout)
     assert [problem["optimum"] for problem in listed["problems"]] == ["7.0"]
 
 
@@ -190,11 +186,9 @@ def test_a_stationary_point_of_a_program_that_is_convex_by_its_shift_alone_or_no
     assert checked(tmp_path / "c.json", refused=True) == f"refused: {why}\n"
 
 
-def test_the_problem_that_a_race_has_stored_is_certified_in_original_units(
-    piezobench: CommandLine, tmp_path: Path
-) -> None:
+def test_the_problem_that_a_race_has_stored_is_certified_in_original_units(tmp_path: Path) -> None:
     stored = Path(__file__).parents[2] / "results/reference/problems/measured--dbo.npz"
-    piezobench.run("certify", stored, "--out", tmp_path / "c.json")
+    in_process("certify", stored, "--out", tmp_path / "c.json")
     assert checked(tmp_path / "c.json", stored)
 
 
@@ -213,20 +207,18 @@ EYE, ONES = np.eye(2), np.ones(2)
     ],
 )
 def test_a_program_without_an_optimum_or_an_answer_that_is_none_is_refused_by_its_file_and_nothing_is_written(
-    piezobench: CommandLine, tmp_path: Path, fields: dict[str, np.ndarray], answer: np.ndarray, why: str
+    tmp_path: Path, fields: dict[str, np.ndarray], answer: np.ndarray, why: str
 ) -> None:
     np.savez(tmp_path / "p.npz", **fields)
     np.save(tmp_path / "x.npy", answer)
     words = ("certify", tmp_path / "p.npz", "--answer", tmp_path / "x.npy", "--out", tmp_path / "c.json")
-    assert why in piezobench(*words).refusal
+    assert why in in_process(*words).refusal
     assert not (tmp_path / "c.json").exists()
 
 
-def test_a_proof_that_takes_too_much_work_ends_with_status_4_and_says_how_far_it_came(
-    piezobench: CommandLine, tmp_path: Path
-) -> None:
+def test_a_proof_that_takes_too_much_work_ends_with_status_4_and_says_how_far_it_came(tmp_path: Path) -> None:
     file = saved(PROGRAMS["rows and equalities"], tmp_path)
-    ended = piezobench("certify", file, "--work", 100, "--out", tmp_path / "c.json")
+    ended = in_process("certify", file, "--work", 100, "--out", tmp_path / "c.json")
     assert (ended.status, (tmp_path / "c.json").exists()) == (4, False)
     assert "no proof within 1e+02 bit operations of exact arithmetic; P is convex, and no active set" in ended.stderr
 

@@ -14,11 +14,10 @@ import numpy as np
 import pandas as pd
 import pytest
 import qpsolvers
-from command_line import CommandLine
+from command_line import CommandLine, in_process
 from program_files import DRAWN
 from programs import library
 
-from bench.cli.app import run
 from bench.problems import RaceProblem
 from bench.races.metrics import _residuals
 
@@ -58,29 +57,27 @@ def perturb_data(arrays: Arrays, certificate: dict[str, Any]) -> None:
 CHANGES = {perturb_optimum: "line 7 (answer)", perturb_data: "line 1 (problem)"}  # test_certificate tries every line
 
 
-def test_saved_problems_are_verified_as_they_are(piezobench: CommandLine, exported: Path) -> None:
-    call = piezobench.run("problems", "--set", "foreign", "--folder", exported, "--verify")
+def test_saved_problems_are_verified_as_they_are(exported: Path) -> None:
+    call = in_process("problems", "--set", "foreign", "--folder", exported, "--verify")
     assert "3 of 3 problems are certified in every scaling (100 %): every proof holds." in call.stdout
 
 
 @pytest.mark.parametrize("change", CHANGES, ids=lambda change: change.__name__)
 @pytest.mark.parametrize("name", ["noise--noise-none", "foreign--drawn.mat"])
 def test_a_saved_problem_in_which_anything_was_changed_is_not_raced(
-    piezobench: CommandLine, exported: Path, tmp_path: Path, name: str, change: Callable[..., None]
+    exported: Path, tmp_path: Path, name: str, change: Callable[..., None]
 ) -> None:
     changed(exported / f"{name}.npz", tmp_path / f"{name}.npz", change)
-    call = piezobench("problems", "--set", "foreign", "--folder", tmp_path, "--verify")
+    call = in_process("problems", "--set", "foreign", "--folder", tmp_path, "--verify")
     assert "there is no certified problem" in call.refusal
     assert f"Not certified and therefore not raced: {name}: proof {CHANGES[change]}" in call.stdout
 
 
-def test_a_proof_that_does_not_hold_is_named_and_the_listing_fails(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_proof_that_does_not_hold_is_named_and_the_listing_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     wrong = {"raw": "proof line 7"}
     monkeypatch.setattr(RaceProblem, "wrong_proofs", lambda problem: wrong if "afm" in problem.name else {})
-    assert run(["problems", "--set", "measured", "--verify"]) == 2
-    assert re.search(r"not every proof holds: measured/afm_\w+ \(raw\): proof line 7", capsys.readouterr().err)
+    refusal = in_process("problems", "--set", "measured", "--verify").refusal
+    assert re.search(r"not every proof holds: measured/afm_\w+ \(raw\): proof line 7", refusal)
 
 
 @pytest.mark.parametrize(

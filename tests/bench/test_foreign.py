@@ -15,12 +15,11 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from box_programs import many_weak_rows
-from command_line import CommandLine
+from command_line import CommandLine, in_process
 from measured_rows import is_right, judged
 from program_files import DRAWN, dense, same_problem
 from programs import library
 from qpsolvers import Problem
-from small_races import race_of
 
 from bench.derived.tiers import right
 from bench.messages.task import Outcome, Status, Tier
@@ -181,23 +180,6 @@ def test_proofs_and_refusals_are_cached_by_the_data_and_a_proof_is_verified_when
         assert proof(good) == first
 
 
-def test_a_race_whose_proofs_cannot_be_cached_continues_with_one_warning(
-    piezobench: CommandLine, tmp_path: Path
-) -> None:
-    (tmp_path / "programs").mkdir()
-    for name in ("one", "two"):
-        np.savez(tmp_path / "programs" / f"{name}.npz", P=np.eye(2), q=np.ones(2), lb=np.zeros(2))
-    (tmp_path / "cache").write_text("a file instead of a folder")
-    words = ("race", "--folder", "programs", *SHORT, "--solver", "daqp", "--lane", "direct", "--limit", 2)
-    out = ("--out", "results", "--name", "run")
-    call = piezobench(*words, *out, folder=tmp_path, XDG_CACHE_HOME=str(tmp_path / "cache"))
-    assert call.stderr == (
-        f"{tmp_path / 'cache' / 'piezobench'}: cannot be written (Not a directory), so nothing is "
-        "kept for the next time\n"
-    )
-    assert (tmp_path / "results" / "run" / "report.html").is_file()
-
-
 ONLY_Q = """
 from solvers.direct.daqp import Daqp
 
@@ -212,15 +194,22 @@ class OnlyQ(Daqp):
 
 @pytest.fixture(scope="module")
 def raced(piezobench: CommandLine, folder: Path) -> tuple[Run, str]:
-    """A race on the folder, and its output."""
+    """A race on the folder whose proofs cannot be cached, and its output."""
     (own := folder.parent / f"{folder.name}.py").write_text(ONLY_Q)
     options = ("--budget", 0.001, "--rounds", 2, "--schedule", 5, "--lane", "qpsolvers", "--lane", "direct")
     solvers = ("--solver", "daqp", "--solver", "clarabel", "--solver", "box_active_set", "--solver", own)
-    race = race_of(piezobench, folder / "results", "run", "--folder", folder, *solvers, *options)
-    return race.run, " ".join(race.call.stdout.split())
+    cache = folder.parent / "no-cache"
+    cache.write_text("a file instead of a folder")
+    words = ("race", "--folder", folder, *solvers, *options, "--out", folder / "results", "--name", "run")
+    call = piezobench(*words, XDG_CACHE_HOME=str(cache))
+    why = f"{cache}/piezobench: cannot be written (Not a directory), so nothing is kept for the next time\n"
+    assert (call.status, call.stderr) == (0, why)
+    return Run.open(folder / "results" / "run"), " ".join(call.stdout.split())
 
 
-def test_a_race_leaves_out_programs_without_a_proof_and_lists_the_reasons(raced: tuple[Run, str]) -> None:
+def test_a_race_without_a_cache_warns_once_leaves_out_programs_without_a_proof_and_lists_the_reasons(
+    raced: tuple[Run, str],
+) -> None:
     run, shown = raced
     left_out = run.settings["left_out"]["foreign"]
     assert left_out.keys() == REASONS.keys()
@@ -247,11 +236,9 @@ def test_a_p_that_stays_is_not_passed_again_in_any_kind_of_call(raced: tuple[Run
     assert set(rows.status) == {"answered"}, rows.message.unique()
 
 
-def test_test_sets_of_qpbenchmark_are_read_from_their_class(
-    piezobench: CommandLine, folder: Path, tmp_path: Path
-) -> None:
+def test_test_sets_of_qpbenchmark_are_read_from_their_class(folder: Path, tmp_path: Path) -> None:
     library("qpbenchmark")
-    piezobench.run("problems", "--set", "foreign", "--folder", folder, "--export", tmp_path)
+    assert in_process("problems", "--set", "foreign", "--folder", folder, "--export", tmp_path).status == 0
     made = make("test_set", options={"test_set": str(tmp_path / "piezobench_foreign.py")})
     found = {problem.name: problem for problem in made.problems()}
     saved = [RaceProblem.load(path) for path in tmp_path.glob("*.npz")]
@@ -325,7 +312,7 @@ def test_a_folder_without_programs_and_an_invalid_limit_are_refused(tmp_path: Pa
             make("foreign", options={"folder": str(DRAWN), "work": work})
 
 
-def test_every_file_of_a_folder_is_read_or_named(piezobench: CommandLine, tmp_path: Path) -> None:
+def test_every_file_of_a_folder_is_read_or_named(tmp_path: Path) -> None:
     whole, others = DRAWN / "drawn.mps", ("README.md", ".hidden.lp", "piezobench_x.py", "model.lp")
     for name in ("drawn.qps", "one.SIF", *others, "archive.tar.gz", "P.npy"):
         shutil.copy(whole, tmp_path / name)
@@ -336,10 +323,8 @@ def test_every_file_of_a_folder_is_read_or_named(piezobench: CommandLine, tmp_pa
     for listed in (found.names(), list(found.problems())):
         assert len(listed) == 3
         assert set(found.left_out) == {"model.lp", "archive.tar.gz", "P.npy"}
-    call = piezobench.run("problems", "--set", "foreign", "--folder", tmp_path)
-    assert (
-        "model.lp: is of an unknown format; programs are read from .npz, .mat, .qps, .mps, .sif, .qps.gz" in call.stdout
-    )
+    listed = in_process("problems", "--set", "foreign", "--folder", tmp_path).stdout
+    assert "model.lp: is of an unknown format; programs are read from .npz, .mat, .qps, .mps, .sif, .qps.gz" in listed
 
 
 @pytest.mark.sample(2)
