@@ -17,7 +17,6 @@ from bench.messages.task import PAPER, settings_ladder
 from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.races.race import EXPONENT, first_pass_settings, tasks_of
 from bench.races.settings import RaceSettings
-from bench.store import Run
 from solvers import Described, Lane, Problem, describe, find
 from solvers.certificate import certify
 
@@ -137,25 +136,19 @@ def test_skipped_settings_are_chosen_for_no_tier_and_are_no_failure_in_the_repor
 def test_a_race_killed_in_a_ladder_that_ended_resumes_after_that_end_and_has_the_same_rows(
     piezobench: CommandLine, tmp_path: Path, ended: Race
 ) -> None:
-    files = [word for name in ("crashes", "goes_on") for word in ("--solver", with_ladder(tmp_path, name))]
-    run = Run(tmp_path / "run")
-    piezobench.start("race", *WORDS, *files, "--out", tmp_path, "--name", "run").kill_once(
-        lambda: sum(key.startswith("crashes-") for key in saved(run)) >= 4
-    )
-    (part,) = run.parts()
-    rows = list(part.rows.values())
-    part.path.unlink()  # and written again, as if it had been killed just before the first that was not run
-    part = run.part(part.path.stem)
-    with part.appended():
-        for row in takewhile(lambda row: row["status"] != "not_run", rows):
+    files = [with_ladder(tmp_path, name) for name in ("crashes", "goes_on")]
+    run = ended.unfinished(tmp_path / "run", solver_files=[*map(str, files)])
+    both = ended.rows[ended.rows.solver.isin(["crashes", "goes_on", "daqp", "null"])]
+    part = run.part(f"paper--{both.problem.iloc[0]}--scaled--0")
+    with part.appended():  # as if it had been killed just before the first that was not run
+        for row in takewhile(lambda row: row["status"] != "not_run", both.to_dict("records")):
             part.save(row, {})
     assert sum(key.startswith("crashes-") for key in saved(run)) == 4
     (tmp_path / "crashes.py.log").write_text("")
-    done = piezobench("resume", run.path, *files)
+    done = piezobench("resume", run.path, *(word for file in files for word in ("--solver", file)))
     assert done.status == 1, "one of its own solvers crashes"
     assert logged(tmp_path, "crashes").isdisjoint({6, 8, 10})
     resumed = Race(run, run.rows(), done)
-    both = ended.rows[ended.rows.solver.isin(["crashes", "goes_on", "daqp", "null"])]
     assert names(resumed) == names(replace(ended, rows=both))
     assert resumed.rows.status.tolist() == both.status.tolist()
 
