@@ -10,11 +10,9 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
-from queue import SimpleQueue
 
 import numpy as np
 import pyarrow.parquet as parquet
@@ -36,7 +34,7 @@ from piezo_model import Recording
 from piezo_model.recordings.formats.arrow import whole_batches
 
 LIMIT, SLOPE = 150.0, 3_000.0
-ENDS_DRAWN, SEED, AT_ONCE = 50, 0, 4
+ENDS_DRAWN, SEED = 50, 0
 FAULTY = """{stage}
 import pathlib, time
 mark = pathlib.Path({mark!r})
@@ -60,8 +58,7 @@ class Stage:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         words = [sys.executable, str(STAGES / "tcp_server.py"), "0", str(folder / "drive.log")]
-        # a copy, since pytest changes the environment in another thread
-        self.server = subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env={**os.environ})
+        self.server = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
         port = self.server.stdout.readline().split()[1]
         text = (STAGES / "tcp_stage.py").read_text().replace("127.0.0.1:7654", f"127.0.0.1:{port}")
         # patient, since the machine may be busy with other tests
@@ -232,44 +229,12 @@ def recorded(path: Path, column: str = "drive_V") -> np.ndarray:
     return np.concatenate([np.empty(0), *(batch[column].to_numpy() for batch in batches)])
 
 
-@pytest.fixture(scope="module")
-def drawn_ends(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[dict[tuple[str, int], Future[None]]]:
-    """The drawn runs that this session tests, several at once, since each waits for most of its time."""
-    calls = SimpleQueue[CommandLine]()
-
-    def ends(kind: str, seed: int) -> None:
-        piezobench, folder = calls.get(), tmp_path_factory.mktemp("end")
-        try:
-            with closing(Stage(folder)) as stage:
-                keeps_what_it_promises(kind, seed, stage, piezobench, folder)
-        finally:
-            calls.put(piezobench)
-
-    cases = [
-        (item.callspec.params["kind"], item.callspec.params["seed"])
-        for item in request.session.items
-        if isinstance(item, pytest.Function) and "drawn_ends" in item.fixturenames
-    ]
-    with ExitStack() as stack:
-        for _ in range(min(AT_ONCE, len(cases))):
-            calls.put(stack.enter_context(closing(CommandLine(tmp_path_factory.mktemp("calls")))))
-        threads = ThreadPoolExecutor(AT_ONCE)
-        stack.callback(threads.shutdown, cancel_futures=True)
-        yield {case: threads.submit(ends, *case) for case in cases}
-
-
-@pytest.mark.sample(3)
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(("kind", "seed"), drawn())
 def test_however_and_whenever_a_run_ends_it_keeps_what_it_promises(
-    kind: str, seed: int, drawn_ends: dict[tuple[str, int], Future[None]]
+    kind: str, seed: int, stage: Stage, piezobench: CommandLine, tmp_path: Path
 ) -> None:
-    drawn_ends[kind, seed].result()
-
-
-def keeps_what_it_promises(kind: str, seed: int, stage: Stage, piezobench: CommandLine, tmp_path: Path) -> None:
-    """Run to this end, whose circumstances the seed draws, and check what it promises."""
+    """In circumstances that the seed draws."""
     end, chance, record, port = ENDS[kind], random.Random(f"{kind} {seed}"), tmp_path / "run.parquet", free_port()
     rate = chance.choice((10, 100, 500, 2000))
     before = 1 if seed < 0 or chance.random() < 0.3 else chance.randrange(rate // 2, rate)
