@@ -19,12 +19,12 @@ from solvers.protocol import Lane
 TASKS = [Task("set", f"problem{i}", "scaled", "daqp", Lane.DIRECT, NO_SETTING, d=18) for i in range(2)]
 
 
-def carry_on(folder: Path, settings: dict[str, object]) -> None:
+def carry_on(folder: Path) -> None:
     """Start or resume a run, and finish it."""
     try:
         run = Run.open(folder / "run")
     except RunError:
-        run = Run.create(folder, settings, "run")
+        run = Run.create(folder, {"settings": {}}, "run")
     if not run.is_finished():
         run.note(lanes={"daqp": "1"}, absent={})
         for name in ("first", "second"):
@@ -40,7 +40,7 @@ def carry_on(folder: Path, settings: dict[str, object]) -> None:
         run.finish()
 
 
-def stop_before_each_step(whole: Path, copies: Path, settings: dict[str, object]) -> None:
+def stop_before_each_step(whole: Path, copies: Path) -> None:
     """Finish a run, with a copy of its folder as it was before each step, and then every copy; in a process of its own,
     which keeps the hook."""
     copying = False
@@ -53,6 +53,10 @@ def stop_before_each_step(whole: Path, copies: Path, settings: dict[str, object]
             copying = False
 
     sys.addaudithook(hook)
-    carry_on(whole, settings)
+    carry_on(whole)
     for folder in copies.iterdir():
-        carry_on(folder, settings)
+        carry_on(folder)
+
+
+if __name__ == "__main__":
+    stop_before_each_step(*map(Path, sys.argv[1:]))

@@ -4,13 +4,12 @@ import json
 import os
 import subprocess
 from collections.abc import Callable, Iterator
-from multiprocessing import get_context
 from pathlib import Path
 
 import killed_run
 import pandas as pd
 import pytest
-from command_line import CommandLine
+from command_line import CommandLine, python
 from small_races import SMALL, THIRD, Race
 
 from bench import problems
@@ -22,7 +21,6 @@ from bench.store import Run, RunError
 from bench.timing import machine
 from piezo_model.atomic_file import write_text
 
-SETTINGS = {"settings": {}}
 TIMES = [
     "setup_us",
     "update_us",
@@ -48,20 +46,13 @@ def of_first_answers(rows: pd.DataFrame) -> pd.DataFrame:
     return rows[rows.timed == "hot"].drop(columns=TIMES).reset_index(drop=True)
 
 
-def assert_same(rows: pd.DataFrame, clean_race: Race) -> None:
-    assert not rows.duplicated(["task", "timed"]).any()
-    pd.testing.assert_frame_equal(of_first_answers(rows), of_first_answers(clean_race.rows))
-
-
 def test_a_run_killed_at_any_step_on_disk_is_resumed_with_nothing_lost_or_twice(tmp_path: Path) -> None:
     whole, copies = tmp_path / "whole", tmp_path / "copies"
     for folder in (whole, copies):
         folder.mkdir()
-    process = get_context("spawn").Process(target=killed_run.stop_before_each_step, args=(whole, copies, SETTINGS))
-    process.start()
-    process.join()
+    python(killed_run.__file__, whole, copies)
     unbroken = Run(whole / "run")
-    assert (process.exitcode, len(unbroken.rows())) == (0, 4)
+    assert len(unbroken.rows()) == 4
     folders = list(copies.iterdir())
     assert len(folders) > 30
     for folder in folders:
@@ -107,7 +98,8 @@ def test_a_full_disk_is_one_sentence_and_the_race_is_resumed_when_there_is_space
     if full:
         subprocess.run(["mount", "-o", "remount,size=10m", str(small_disk)], check=True)
     piezobench.run("resume", run.path)
-    assert_same(run.rows(), clean_race)
+    assert not run.rows().duplicated(["task", "timed"]).any()
+    pd.testing.assert_frame_equal(of_first_answers(run.rows()), of_first_answers(clean_race.rows))
 
 
 def test_only_one_process_may_work_on_a_run(clean_race: Race, piezobench: CommandLine, tmp_path: Path) -> None:
@@ -121,7 +113,7 @@ def test_only_one_process_may_work_on_a_run(clean_race: Race, piezobench: Comman
 def test_a_run_that_is_finished_or_has_a_task_is_not_discarded(clean_race: Race, tmp_path: Path) -> None:
     clean_race.copied(tmp_path / "finished").discard()
     assert (tmp_path / "finished" / "rows.parquet").is_file()
-    new = Run.create(tmp_path, SETTINGS, "new")
+    new = Run.create(tmp_path, {"settings": {}}, "new")
     part = new.part("one")
     with part.appended():
         part.save(complete(task="one"), {})
