@@ -10,10 +10,9 @@ import numpy as np
 import pandas as pd
 import pytest
 from browser import Browser
-from command_line import CommandLine
+from command_line import CommandLine, in_process
 from recording_files import text_file
 
-from bench.cli.app import run
 from bench.report import recording_page
 from bench.report.fit_review import review
 from piezo_model import HysteresisCreepModel, ModelStructure, OperatorState, Recording, identify, plants
@@ -201,42 +200,34 @@ def test_given_orders_and_rates_are_kept() -> None:
     assert "selection" not in identify(made, n=3, m=1, creep_rates=(1.0,), lag="ignore").report
 
 
-T = np.arange(600) * 1e-3
 LINES = [
-    f"{t:.3f};{np.round(50 + 50 * np.sin(20 * t), 4)};{np.round(-3 * np.sin(20 * t - 0.3), 4)}" for t in T.tolist()
+    f"{t:.3f};{np.round(50 + 50 * np.sin(20 * t), 4)};{np.round(-3 * np.sin(20 * t - 0.3), 4)}"
+    for t in (np.arange(600) * 1e-3).tolist()
 ]
 
 
-def test_a_file_is_described_with_its_columns_units_and_roles(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(["inspect", str(text_file(tmp_path, "time [s];drive [V];height [um]", *LINES))]) == 0
-    shown = capsys.readouterr().out
+def test_a_file_is_described_with_its_columns_units_and_roles(tmp_path: Path) -> None:
+    shown = in_process("inspect", text_file(tmp_path, "time [s];drive [V];height [um]", *LINES)).stdout
     assert "separated by semicolons, header in row 1; 600 samples over 0.599 s, one every 1 ms by 'time [s]'" in shown
     assert "input 'drive [V]' from 0.0005 to 100 V, output 'height [um]' from -3 to 3 µm" in shown
     assert [line.split()[-1] for line in shown.splitlines()[-3:]] == ["time", "input", "output"]
 
 
-def test_a_file_whose_roles_are_not_clear_is_shown_with_the_question(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_file_whose_roles_are_not_clear_is_shown_with_the_question(tmp_path: Path) -> None:
     path = text_file(tmp_path, "time,a,b,c", *(f"{k},{k % 3},{k % 5},{k % 7}" for k in range(50)))
-    assert run(["inspect", str(path)]) == 2
-    shown = capsys.readouterr()
-    assert "cannot tell which column is the input and which the output" in shown.err
-    assert [line.split() for line in shown.out.splitlines()[-3:]] == [
+    call = in_process("inspect", path)
+    assert "cannot tell which column is the input and which the output" in call.refusal
+    assert [line.split() for line in call.stdout.splitlines()[-3:]] == [
         ["2", "a", "0", "2"],
         ["3", "b", "0", "4"],
         ["4", "c", "0", "6"],
     ]
 
 
-def test_options_supply_what_the_file_lacks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_options_supply_what_the_file_lacks(tmp_path: Path) -> None:
     path = text_file(tmp_path, *(line.split(";", 1)[1].replace(".", ",") for line in LINES))
-    words = ["inspect", str(path), "--json", "--sample-rate", "1000", "--decimal", ",", "--header-row", "0"]
-    words += ["--input", "1", "--output", "2"]
-    assert run(words) == 0
-    document = json.loads(capsys.readouterr().out)
+    words = ("--sample-rate", 1000, "--decimal", ",", "--header-row", 0, "--input", 1, "--output", 2)
+    document = json.loads(in_process("inspect", path, "--json", *words).stdout)
     assert (document["sample_time_s"], document["samples"], document["input"], document["output"]) == (
         1e-3,
         600,
@@ -246,46 +237,39 @@ def test_options_supply_what_the_file_lacks(tmp_path: Path, capsys: pytest.Captu
 
 
 FIT = ("--n", 3, "--m", 1, "--rates", "10")
-TIME = np.arange(4000) * 1e-3
-X = 75.0 + 70.0 * np.sin(2 * np.pi * 2 * TIME) * np.linspace(0.3, 1.0, TIME.size)
-Y = plants.get("bouc_wen", sample_time=1e-3).run(X)
 
 
 @pytest.fixture
 def shelf(tmp_path: Path) -> Path:
     """One recording whole, in two files, and with faults."""
+    x, y = signals(duration_s=4.0)
+    t = np.arange(x.size) * SAMPLE_TIME
     for name, columns in {
-        "whole.csv": {"time_s": TIME, "voltage_V": X, "position_um": Y},
-        "u.csv": {"t": TIME, "a": X},
-        "y.csv": {"t": TIME, "noise": np.cos(9 * X), "b": Y},
+        "whole.csv": {"time_s": t, "voltage_V": x, "position_um": y},
+        "u.csv": {"t": t, "a": x},
+        "y.csv": {"t": t, "noise": np.cos(9 * x), "b": y},
     }.items():
         write_table(tmp_path / name, columns)
-    bad = Y.copy()
-    bad[[9, 700]] = np.nan
-    pd.DataFrame({"time_s": TIME, "voltage_V": X, "position_um": bad}).to_parquet(tmp_path / "bad.parquet")
+    y[[9, 700]] = np.nan
+    pd.DataFrame({"time_s": t, "voltage_V": x, "position_um": y}).to_parquet(tmp_path / "bad.parquet")
     return tmp_path
 
 
-def test_a_recording_in_two_files_is_inspected_identified_validated_and_raced(
-    piezobench: CommandLine, shelf: Path
-) -> None:
+def test_a_recording_in_two_files_is_inspected_identified_and_validated(piezobench: CommandLine, shelf: Path) -> None:
     two = ("--input", "u.csv", "--output", "y.csv:b", "--input-unit", "V", "--output-unit", "um")
     shown = json.loads(piezobench("inspect", *two, "--json", folder=shelf).stdout)
     assert (shown["samples"], shown["refused"], shown["guessed"]) == (
-        TIME.size,
+        4000,
         None,
         {"time": "by name", "input": "as the only one left", "time_unit": "seconds"},
     )
     for verb in (("identify", "--out", "m.json", *FIT), ("validate", "m.json")):
         call = piezobench.run(*verb, *two, "--page", f"{verb[0]}.html", folder=shelf)
         assert "u.csv and y.csv: two files" in call.stdout
-    model = json.loads((shelf / "m.json").read_text())
-    assert model["report"]["remarks"] == ["seconds are assumed, since no unit of the times is stated"]
+    report = json.loads((shelf / "m.json").read_text())["report"]
+    assert report["remarks"] == ["seconds are assumed, since no unit of the times is stated"]
     assert "Seconds are assumed" in (shelf / "identify.html").read_text()
-    assert model["report"]["recording"] == Recording.open(shelf / "whole.csv").digest()
-    piezobench.run(
-        "race", *two, "--solver", "box_active_set", "--limit", 1, "--out", shelf, "--name", "r", folder=shelf
-    )
+    assert report["recording"] == Recording.open(shelf / "whole.csv").digest()
 
 
 def test_repairs_are_printed_stored_and_on_the_page_and_strict_refuses_them_in_every_verb(
@@ -318,18 +302,16 @@ def test_a_part_of_a_recording_is_identified(piezobench: CommandLine, shelf: Pat
         assert words in " ".join(call.stdout.split())
 
 
-def test_the_drive_stays_in_its_range_and_has_its_rate_its_holds_and_a_picture(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_drive_stays_in_its_range_and_has_its_rate_its_holds_and_a_picture(tmp_path: Path) -> None:
     out, page = tmp_path / "drive.csv", tmp_path / "drive.html"
-    assert run(["excite", "--range", "-20:100", "--rate", "500", "--out", str(out), "--page", str(page)]) == 0
+    call = in_process("excite", "--range", "-20:100", "--rate", 500, "--out", out, "--page", page)
     read = read_reference(out, role="input")
     assert (read.sample_time, read.values.size, read.unit) == (2e-3, 30_000, "V")
     assert read.values.min() == read.values[0] == read.values[-1] == -20.0
     assert 99.0 < read.values.max() <= 100.0
     edges = np.flatnonzero(np.diff(read.values, prepend=np.nan, append=np.nan) != 0.0)
     assert np.sort(np.diff(edges))[-2:] * read.sample_time == pytest.approx(10.0, abs=0.1)
-    assert "two holds of 10 s for creep" in capsys.readouterr().out
+    assert "two holds of 10 s for creep" in call.stdout
     assert "<svg" in page.read_text() or "vega" in page.read_text()
 
 
@@ -337,7 +319,7 @@ def test_the_drive_stays_in_its_range_and_has_its_rate_its_holds_and_a_picture(
 @pytest.mark.parametrize("plant", plants.names())
 def test_hysteresis_and_creep_of_every_plant_are_found_from_its_recording(tmp_path: Path, plant: str) -> None:
     drive = tmp_path / "drive.csv"
-    assert run(["excite", "--range", "0:100", "--rate", "200", "--out", str(drive)]) == 0
+    in_process("excite", "--range", "0:100", "--rate", 200, "--out", drive)
     x, period = read_reference(drive, role="input").values, 5e-3
     y = plants.get(plant, x_range=(0.0, 100.0), sample_time=period).run(x)
     y += np.random.default_rng(0).normal(0.0, 1e-3 * np.ptp(y), y.size)

@@ -192,7 +192,7 @@ def test_one_frequency_gives_a_model_without_creep_from_the_race_to_the_controll
     assert np.abs(error[0]) < 0.001 * np.ptp(y)
 
 
-def test_missing_outputs_pass_through_identify_its_page_validate_a_fleet_and_a_race(
+def test_missing_outputs_pass_through_identify_its_page_validate_a_fleet_and_a_race_on_two_files(
     piezobench: CommandLine, tmp_path: Path
 ) -> None:
     recording = Recording.open(stage(tmp_path, "bouc_wen", 5000)[0])
@@ -207,7 +207,8 @@ def test_missing_outputs_pass_through_identify_its_page_validate_a_fleet_and_a_r
         assert "over 4994 of 5000 samples (6 not counted)" in " ".join(call.stdout.split())
         assert "NaN" not in (tmp_path / f"{verb[0]}-figures" / "error.csv").read_text()
     piezobench.run("identify", one, tmp_path / "b.parquet", "--out-dir", tmp_path / "fleet", *words)
-    race = race_of(piezobench, tmp_path, "run", "--recording", one, *FEW)
+    two = ("--input", f"{one}:voltage_V", "--output", f"{tmp_path / 'b.parquet'}:displacement_um")
+    race = race_of(piezobench, tmp_path, "run", *two, *FEW)
     assert 0.0 < race.run.settings["models"]["recorded"]["error_percent"] < 2.0
     rows = race.rows
     assert rows[rows.solver == "box_active_set"].model_error_percent.between(0.0, 2.0).all()
