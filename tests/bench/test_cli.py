@@ -6,18 +6,19 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from command_line import CommandLine, Finished, contents
+from command_line import CommandLine, Finished, contents, in_process
 from hostile_files import spoiled
 from small_races import REFERENCE, Race
 from typer.main import get_command
 
-from bench.cli.app import VERBS, command_line, run
+from bench.cli.app import VERBS, command_line
 from bench.problems import all_sets
 from bench.timing import cores
 from piezo_model import plants
@@ -86,10 +87,10 @@ def identified(piezobench: CommandLine, desk: Path) -> None:
     (desk / "invalid.json").write_bytes(*spoiled(json.loads(model), ("w_H", 0), "0.0"))
 
 
-def refused(piezobench: CommandLine, folder: Path, *words: object, largest_file: int = 0) -> str:
+def refused(piezobench: Callable[..., Finished], folder: Path, *words: object, **options: int) -> str:
     """The sentence of a call that is refused and leaves the folder as it was."""
     before = contents(folder)
-    sentence = piezobench(*words, folder=folder, largest_file=largest_file).refusal
+    sentence = piezobench(*words, folder=folder, **options).refusal
     assert contents(folder) == before
     return sentence
 
@@ -114,12 +115,12 @@ def test_the_command_alone_lists_its_verbs(piezobench: CommandLine, words: tuple
     assert all(f"  {verb} " in shown for verb in VERBS)
 
 
-def test_the_module_and_the_installed_script_refuse_alike(tmp_path: Path) -> None:
+def test_the_installed_script_refuses_as_the_module_does(tmp_path: Path) -> None:
     script = Path(sys.executable).with_name("piezobench")
-    for call in ((sys.executable, "-m", "bench"), *([(script,)] if script.exists() else [])):
-        done = subprocess.run([*call, "report", "nowhere"], cwd=tmp_path, capture_output=True, text=True, check=False)
-        said = "piezobench report: nowhere is not a run folder: it has no run.json\n"
-        assert (done.returncode, done.stdout, done.stderr) == (2, "", said)
+    call = [script] if script.exists() else [sys.executable, "-m", "bench"]
+    done = subprocess.run([*call, "report", "nowhere"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    said = "piezobench report: nowhere is not a run folder: it has no run.json\n"
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", said)
 
 
 def in_bash(line: str, folder: Path) -> tuple[int, str, str]:
@@ -499,16 +500,9 @@ CORES = len(cores.usable())
 )
 @pytest.mark.usefixtures("identified")
 def test_an_invalid_call_is_refused_in_one_sentence_and_changes_no_file(
-    desk: Path,
-    words: tuple[object, ...],
-    parts: list[str],
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    desk: Path, words: tuple[object, ...], parts: list[str]
 ) -> None:
-    monkeypatch.chdir(desk)
-    before = contents(desk)
-    sentence = Finished(run([str(word) for word in words]), *capsys.readouterr()).refusal
-    assert contents(desk) == before
+    sentence = refused(in_process, desk, *words)
     assert all(part in sentence for part in parts), sentence
     assert Path("/dev/null").is_char_device()
 
