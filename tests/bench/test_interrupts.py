@@ -83,13 +83,13 @@ def is_at_work(kind: str, folder: Path, session: int) -> bool:
     return (run / "run.json").is_file() if kind == "problems" else bool(saved(Run(run)))
 
 
-@pytest.mark.sample(3)
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     ("kind", "ending"),
     [
         ("problems", signal.SIGINT),
-        ("race", signal.SIGINT),
         ("race", signal.SIGTERM),
+        ("race", signal.SIGINT),
         pytest.param("workers", signal.SIGHUP, marks=TWO_CORES),
         pytest.param("realtime", signal.SIGTERM, marks=pytest.mark.needs("cc")),
         pytest.param("realtime", signal.SIGHUP, marks=pytest.mark.needs("cc")),
