@@ -132,11 +132,11 @@ class Call:
         """``kill -9``; harmless after the end, since the process stays a zombie until :meth:`wait`."""
         os.kill(self.pid, 9)
 
-    def kill_once(self, reached: Callable[[], bool]) -> Finished:
-        """Kill it once a condition holds, unless it ends before, and wait for every process of its session."""
-        while self.running() and not reached():
+    def kill_once(self, reached: Callable[[], bool], number: signal.Signals = signal.SIGKILL) -> Finished:
+        """Signal it once a condition holds, unless it ends before, and wait for every process of its session."""
+        while of_session(self.pid) and not reached():
             time.sleep(0.002)
-        self.kill()
+        os.kill(self.pid, number)
         ended = self.wait()
         wait_until_gone(self.pid)
         return ended
@@ -149,10 +149,6 @@ class Call:
         return Finished(
             status, self.stdout.read_text(self.encoding), without_waiting(self.stderr.read_text(self.encoding))
         )
-
-    def running(self) -> list[int]:
-        """Running processes of its session: itself and its children."""
-        return of_session(self.pid)
 
 
 def of_session(leader: int) -> list[int]:

@@ -4,13 +4,12 @@ import json
 import os
 import shutil
 import signal
-import time
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from command_line import CommandLine, Finished, kill_worker, wait_until_gone
+from command_line import CommandLine, Finished, kill_worker, wait_until
 from recording_files import text_file
 from small_races import TWO_CORES
 
@@ -157,6 +156,11 @@ def test_a_repeated_fleet_deletes_no_model_of_a_recording_that_is_gone_and_names
     assert kept_files(out) == before
 
 
+def three_done(folder: Path) -> bool:
+    """Whether the rows of three recordings are there, at least."""
+    return len(list(folder.glob("rows/[!.]*.json"))) >= 3
+
+
 AGAIN = "finished recordings are kept; run the same command to continue"
 LOST = f"piezobench identify: a worker was killed, perhaps for lack of memory; {AGAIN}"
 
@@ -184,13 +188,9 @@ def test_a_fleet_that_was_ended_is_resumed_without_loss_or_repetition(
     words = ("identify", *recordings, "--out-dir", tmp_path, *ORDERS)
     call = piezobench.start(*words, "--workers", 2)
     if how.startswith("SIG"):
-        while call.running() and len(list(tmp_path.glob("rows/[!.]*.json"))) < 3:
-            time.sleep(0.002)
-        os.kill(call.pid, signal.Signals[how])
-        ended = call.wait()
-        wait_until_gone(call.pid)
+        ended = call.kill_once(lambda: three_done(tmp_path), signal.Signals[how])
     else:
-        ended = kill_worker(call, lambda: len(list(tmp_path.glob("rows/[!.]*.json"))) >= 3)
+        ended = kill_worker(call, lambda: three_done(tmp_path))
     assert (ended.status, "".join(ended.stderr.splitlines()[:1])) == (status, said)
     assert not (tmp_path / "fleet.csv").exists()
     kept = {path: path.stat().st_ino for path in tmp_path.glob("rows/[!.]*.json")}
@@ -213,8 +213,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_rows_of_a_serial_run(
         call = piezobench.start(
             "identify", *recordings, "--out-dir", tmp_path, *ORDERS, "--backend", "dask", "--scheduler", scheduler
         )
-        while call.running() and len(list(tmp_path.glob("rows/[!.]*.json"))) < 3:
-            time.sleep(0.01)
+        wait_until(lambda: three_done(tmp_path), call.stderr.read_text)
         os.kill(first, 9)
         assert call.wait().status == 2, call.stderr.read_text()
         client.wait_for_workers(2, timeout=60)
