@@ -384,10 +384,6 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def made(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([program("make"), "-C", str(folder), *words], capture_output=True, text=True, check=True)
-
-
 @pytest.mark.sample(1)
 @pytest.mark.needs("cc")
 @pytest.mark.parametrize(
@@ -404,7 +400,7 @@ def test_the_example_takes_references_from_standard_input(
     piezobench: CommandLine, desk: Path, tmp_path: Path, words: tuple[object, ...]
 ) -> None:
     assert piezobench("export-c", "model.json", tmp_path / "c", *words, folder=desk).status == 0
-    made(tmp_path / "c", "example")
+    subprocess.run([program("make"), "-C", tmp_path / "c", "example"], capture_output=True, check=True)
     done = subprocess.run(
         [tmp_path / "c" / "example", "-"], input="0\n5\nnan\n1e9\n", capture_output=True, text=True, check=True
     )
