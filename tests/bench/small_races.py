@@ -112,6 +112,7 @@ SMALL = (
     8,
 )
 THIRD = ("--solver", "clarabel")
+WIDE = ("bouc_wen-staircase", "duhem-multi_sine", "d008", "d018")
 TASKS = 25
 """Number of tasks of the first pass: the settings of three solvers (3, 8 and 9) on scaled data, their defaults on raw
 data, and the floor on both."""
@@ -158,12 +159,11 @@ def wide_race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory)
         piezobench,
         tmp_path_factory.mktemp("wide"),
         "wide",
-        "--limit",
-        2,
         "--set",
         "paper",
         "--set",
         "orders",
+        *(word for name in WIDE for word in ("--problem", name)),
         "--lane",
         "kernel",
         "--lane",

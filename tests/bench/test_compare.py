@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 import slowed_solver
 from browser import Browser
-from command_line import CommandLine
+from command_line import CommandLine, in_process
 from measured_rows import ladder, table
 from programs import that_load
 from simulated_pairs import pair, ratios
@@ -32,6 +32,7 @@ from bench.comparison.compare import (
 from bench.messages.task import Status
 from bench.race_table import MISSES
 from bench.store import Run
+from solvers import describe, from_file
 
 SLOWED = ("osqp", "direct")
 
@@ -231,7 +232,7 @@ def test_settings_that_one_of_the_runs_did_not_run_are_not_compared(wide_race: R
     rows.loc[ended, ["status", "cost_gap"]] = [str(Status.NOT_RUN), np.nan]
     found = compared(wide_race.run, wide_race.copied(tmp_path / "ended", lambda _: rows))
     assert found.regressions == 0
-    assert [len(alone) for alone in found.alone] == [ended.sum(), 0]
+    assert [len(alone) for alone in found.alone] == [rows.task[ended].nunique(), 0]
     assert ended.any()
 
 
@@ -257,6 +258,24 @@ def test_different_settings_and_machines_come_first_and_all_fits_on_a_screen(
     count = wide_race.rows[of_solver(wide_race.rows)].task.nunique()
     assert output.count(f"Only {wide_race.run.path.name} has {count} rows, of osqp (direct).") == 1
     assert "An abacus" in (tmp_path / "c" / "comparison.md").read_text()
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize(
+    ("change", "status", "says"),
+    [
+        (less_accurate, 3, "tiers are lost"),
+        (lambda rows: rows, 0, "no difference"),
+        (lambda rows: rows.assign(status=rows.status.mask(of_solver(rows), str(Status.MISSED))), 3, "lane fails"),
+    ],
+)
+def test_another_version_of_a_lane_is_named_and_meets_the_one_before(
+    piezobench: CommandLine, wide_race: Race, tmp_path: Path, change: Change, status: int, says: str
+) -> None:
+    edited = wide_race.copied(tmp_path / "edited", change, lanes={"osqp (direct)": "0.0.1"})
+    call = piezobench("compare", wide_race.run.path, edited.path, "--out", tmp_path / "c", "--fail-on", "regression")
+    assert (call.status, "Only " in call.stdout) == (status, False)
+    assert re.search(f"WARNING: Different solvers: osqp .direct. is .*{says}", " ".join(call.stdout.split()))
 
 
 def test_the_page_shows_what_differs_and_markdown_survives_any_name(
@@ -447,9 +466,7 @@ class Wrong(Quadprog):
 """
 
 
-def test_a_version_that_is_wrong_is_a_regression_however_fast_and_one_that_fails_is_refused(
-    piezobench: CommandLine, tmp_path: Path
-) -> None:
+def test_a_version_that_is_wrong_is_a_regression_however_fast_and_one_that_fails_is_refused(tmp_path: Path) -> None:
     words, right = ("--smallest", 100, "--fail-on", "regression"), tmp_path / "right.py"
     for name, change, status, said in (
         ("right", "{}", 0, ""),
@@ -459,39 +476,8 @@ def test_a_version_that_is_wrong_is_a_regression_however_fast_and_one_that_fails
     ):
         file = tmp_path / f"{name}.py"
         file.write_text(WRONG.format(change=change.format("super().solve()")))
-        call = piezobench("compare", "--versions", right, file, *words)
+        call = in_process("compare", "--versions", right, file, *words)
         output = " ".join((call.stdout + call.stderr).split())
         assert (call.status, "less accurate" in output) == (status, status == 3)
         assert said == "" or f"{file}{said}" in output
-
-
-def edited_race(piezobench: CommandLine, folder: Path, name: str, change: str = "") -> Path:
-    """A race of a file with a solver, which was edited since the race before."""
-    (folder / "wrong.py").write_text(WRONG.format(change=f"super().solve(){change}"))
-    words = ("--limit", 1, "--budget", 0.002, "--solver", "daqp", "--set", "paper", "--lane", "direct", "--name", name)
-    call = piezobench("race", *words, "--solver", folder / "wrong.py", "--out", folder)
-    assert call.status == (name in ("wrong", "nan"))
-    return folder / name
-
-
-@pytest.fixture(scope="module")
-def unedited(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return edited_race(piezobench, tmp_path_factory.mktemp("edited"), "before")
-
-
-@pytest.mark.sample(1)
-@pytest.mark.parametrize(
-    ("name", "change", "status", "says"),
-    [
-        ("wrong", " * 1.0001", 3, "tiers are lost"),
-        ("same", " + 0.0", 4, "no difference"),
-        ("nan", " * float('nan')", 3, "lane fails"),
-    ],
-)
-def test_an_edited_file_meets_its_version_before_and_is_judged(
-    piezobench: CommandLine, unedited: Path, tmp_path: Path, name: str, change: str, status: int, says: str
-) -> None:
-    edited = edited_race(piezobench, unedited.parent, name, change)
-    call = piezobench("compare", unedited, edited, "--out", tmp_path / "c", "--fail-on", "regression")
-    assert (call.status, "Only " in call.stdout) == (status, False)
-    assert re.search(f"WARNING: Different solvers: wrong .direct. is .*{says}", " ".join(call.stdout.split()))
+        assert (describe(from_file(file)).version == describe(from_file(right)).version) == (file == right)

@@ -23,11 +23,6 @@ from bench.report.writing import write_page
 from bench.store import Run
 
 
-def written(run: Run) -> Path:
-    """Write the page of a run again."""
-    return write(run)[1].with_suffix(".html")
-
-
 def column(browser: Browser, heading: str) -> list[str]:
     """Texts of a column of the large table in the rows that are shown."""
     return browser.run(
@@ -193,7 +188,8 @@ def test_the_page_is_one_small_file_that_links_to_the_data_of_each_plot(browser:
 def test_a_race_without_answers_has_a_page(browser: Browser, wide_race: Race, tmp_path: Path) -> None:
     numbers = [name for name in wide_race.rows.select_dtypes("floating").columns if name != "noise_um"]
     lost = {**dict.fromkeys(numbers, np.nan), "status": str(Status.CRASHED), "message": "gone"}
-    browser.open(written(wide_race.copied(tmp_path / "lost", lambda rows: rows.assign(**lost))))
+    run = wide_race.copied(tmp_path / "lost", lambda rows: rows.assign(**lost))
+    browser.open(write(run)[1].with_suffix(".html"))
     assert browser.console() == []
     assert browser.plots() == []
     assert set(column(browser, "status")) <= {"crashed", "floor"}
