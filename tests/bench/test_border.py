@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pytest
-from command_line import CommandLine, contents
+from command_line import CommandLine, contents, in_process
 from hostile_files import (
     DEEP,
     LONG,
@@ -334,15 +334,13 @@ def test_a_run_that_links_to_another_folder_is_refused_and_that_folder_is_untouc
     assert not list((tmp_path / "elsewhere").iterdir())
 
 
-def test_a_set_whose_name_is_code_is_not_exported_as_a_test_set(
-    piezobench: CommandLine, clean_race: Race, tmp_path: Path
-) -> None:
+def test_a_set_whose_name_is_code_is_not_exported_as_a_test_set(clean_race: Race, tmp_path: Path) -> None:
     (tmp_path / "from").mkdir()
     name = 'x"""; import os; os.system("touch HARMED"); """'
     with np.load(next((clean_race.run.path / "problems").glob("*.npz"))) as arrays:
         meta = json.dumps({**json.loads(str(arrays["meta"])), "set": name})
         np.savez(tmp_path / "from" / "p.npz", **{**arrays, "meta": np.array(meta)})
-    call = piezobench("problems", "--set", "foreign", "--folder", tmp_path / "from", "--export", tmp_path / "out")
+    call = in_process("problems", "--set", "foreign", "--folder", tmp_path / "from", "--export", tmp_path / "out")
     assert "there is no certified problem" in call.refusal
     assert re.search("p.npz.*the field 'set' is wrong", call.stdout)
     assert not list((tmp_path / "out").iterdir())

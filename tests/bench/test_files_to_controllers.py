@@ -130,7 +130,6 @@ def test_a_table_made_from_a_forced_model_is_marked_and_read_all_the_same(
 
 
 T = 1e-4
-DYNAMICS = Dynamics((400.0,), (0.02,), (1.0,), 1.5 * T)
 LEFT_OUT = "The model has no dynamics although the stage has a resonance at"
 FASTEST = "has only the static gain of the fastest modes although the stage has a resonance at 400 Hz"
 
@@ -142,7 +141,7 @@ def ringing(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -
     structure = ModelStructure.equidistant(3, 1, (0.0, 100.0), (0.0, 20.0), (), T)
     truth = replace(
         HysteresisCreepModel.from_weights(structure, [0.1, 0.1, 0.1, 0.9, 0.1, 0.1]),
-        dynamics=DYNAMICS,
+        dynamics=Dynamics((400.0,), (0.02,), (1.0,), 1.5 * T),
         start=OperatorState.settled_at(structure, 0.0),
     )
     x = np.repeat(np.r_[0.0, np.random.default_rng(1).uniform(0.0, 100.0, 99)], 200)
@@ -219,7 +218,8 @@ def test_exports_invert_the_dynamics_and_carry_the_lag_as_a_constant_or_have_the
         assert re.search(rf'name="lag" [^/]*variability="constant" [^/]*start="{re.escape(lag)}"', description)
 
 
-@pytest.mark.parametrize("left_out", [False, True])
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("left_out", [True, False])
 def test_the_model_is_deployed_and_learns_with_its_dynamics_or_with_a_warning(
     piezobench: CommandLine, ringing: Path, tmp_path: Path, left_out: bool
 ) -> None:
