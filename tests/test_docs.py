@@ -97,25 +97,6 @@ def lay_out(folder: Path) -> None:
     write_table(folder / "reference.csv", {"time_s": np.arange(y_ref.size) * 1e-3, "reference_um": y_ref})
 
 
-def run_page(page: Path, folder: Path, piezobench: CommandLine) -> None:
-    """Run the blocks of a page in the current folder, and compare their output with the page."""
-    names: dict[str, object] = {"__name__": "__main__"}
-    printed = ""
-    for block in blocks(page):
-        if block.language == "sh":
-            printed = "".join(
-                called(words, folder, piezobench, refused=block.rest == "fails") for words in commands(block.text)
-            )
-        elif block.language == "python" and block.rest:
-            (folder / re.sub(r'title="(.*)"', r"\1", block.rest)).write_text(block.text, encoding="utf-8")
-        elif block.language == "python":
-            with contextlib.redirect_stdout(io.StringIO()) as out:
-                exec(compile(block.text, str(page), "exec"), names)
-            printed = out.getvalue()
-        elif block.language == "text":
-            assert printed.rstrip() == block.text.rstrip(), page.name
-
-
 def called(words: list[str], folder: Path, piezobench: CommandLine, refused: bool = False) -> str:
     """Output of a command, which must succeed, or be refused in one sentence."""
     if words[0] == "piezobench":
@@ -145,7 +126,21 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     ids=lambda page: page.stem,
 )
 def test_the_examples_of_a_page_run_and_print_what_it_shows(page: Path, folder: Path, piezobench: CommandLine) -> None:
-    run_page(page, folder, piezobench)
+    names: dict[str, object] = {"__name__": "__main__"}
+    printed = ""
+    for block in blocks(page):
+        if block.language == "sh":
+            printed = "".join(
+                called(words, folder, piezobench, refused=block.rest == "fails") for words in commands(block.text)
+            )
+        elif block.language == "python" and block.rest:
+            (folder / re.sub(r'title="(.*)"', r"\1", block.rest)).write_text(block.text, encoding="utf-8")
+        elif block.language == "python":
+            with contextlib.redirect_stdout(io.StringIO()) as out:
+                exec(compile(block.text, str(page), "exec"), names)
+            printed = out.getvalue()
+        elif block.language == "text":
+            assert printed.rstrip() == block.text.rstrip(), page.name
 
 
 def included(found: re.Match[str]) -> str:

@@ -14,8 +14,14 @@ from programs import program
 from bench.export.building import write_files
 from bench.export.c_source import export
 from bench.export.settings import SOLVERS, ExportSettings
-from piezo_model import Compensator, Dynamics, HysteresisCreepModel, ModelStructure, SelfLearningCompensator
-from piezo_model.operator_state import OperatorState
+from piezo_model import (
+    Compensator,
+    Dynamics,
+    HysteresisCreepModel,
+    ModelStructure,
+    OperatorState,
+    SelfLearningCompensator,
+)
 
 SHORT, MILLION = 50_000, 1_000_000
 SAMPLE_TIME = 125e-6

@@ -17,9 +17,8 @@ from hostile_files import spoiled
 from qpsolvers import Problem
 from scipy.sparse import csc_matrix
 
-from bench.problem_files import read
+from bench.problem_files import ReadProgram, read
 from bench.problem_files.npz import packed_program
-from bench.problem_files.program import ReadProgram
 from bench.problems.foreign import Boxes
 from bench.store import Run
 from solvers.certificate import certify

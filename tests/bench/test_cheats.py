@@ -37,7 +37,6 @@ RIGHT = {
 }
 """Those whose answers are right, so that they gain no more than a part of their time."""
 TAMPERED = ("looks", "looks_into_memory", "patches_the_guard", "sends_by_itself", "loses_times", "takes_time_back")
-RUNS = 100
 
 
 @pytest.fixture(scope="module")
@@ -126,7 +125,7 @@ TAILED = """
 """
 
 
-@pytest.mark.parametrize(("solve", "runs"), [(RANDOMISED, RUNS), (TAILED, 3)])
+@pytest.mark.parametrize(("solve", "runs"), [(RANDOMISED, 100), (TAILED, 3)])
 def test_an_honest_solver_is_right_in_every_run_and_a_slow_call_is_no_median(
     solve: str, runs: int, tmp_path: Path
 ) -> None:

@@ -31,7 +31,6 @@ from solvers import Lane, find
 from solvers.protocol import setting_text
 
 ACCELERATED, STEPPED = "accelerated_projection", "projected_difference"
-SHORT = {"reset_s": 0.01, "build_s": 0.2, "learn_s": 0.05}
 CALLS = 3000
 Us = Callable[[int], np.ndarray]
 
@@ -317,7 +316,7 @@ def test_the_reference_run_gives_a_compensator_that_runs_and_learns(piezobench: 
     call = piezobench.run("deploy", REFERENCE, "--out", tmp_path / "compensator.json", "--simulated")
     assert "Chosen: " in call.stdout
     assert "Model: from the problem paper/bouc_wen-multi_sine, simulated." in call.stdout
-    learner = Deployment.load(tmp_path / "compensator.json").learner(**SHORT)
+    learner = Deployment.load(tmp_path / "compensator.json").learner(reset_s=0.01, build_s=0.2, learn_s=0.05)
     s = learner.structure
     y_ref = s.y_centre + 0.7 * s.y_scale * np.sin(np.arange(6000) / 300)
     x, y = learner.run(y_ref, plants.get("bouc_wen", sample_time=s.sample_time).run)

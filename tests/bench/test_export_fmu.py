@@ -22,7 +22,6 @@ from fmpy.fmi3 import FMU3Slave  # noqa: E402
 from fmpy.validation import validate_fmu  # noqa: E402
 
 RATE_LIMIT = 5e4
-COUNT = 4000
 VERSIONS = (2, 3)
 
 
@@ -40,7 +39,7 @@ def fmus(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> d
 
 def reference() -> np.ndarray:
     """A reference that exceeds the range, so that the limits are reached."""
-    t = np.arange(COUNT) * SAMPLE_TIME
+    t = np.arange(4000) * SAMPLE_TIME
     return 17.0 * np.sin(2 * np.pi * 9.0 * t) + 6.0 * np.sin(2 * np.pi * 71.0 * t)
 
 

@@ -55,7 +55,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-SHORT = ("--budget", 0.001, "--rounds", 0)
 REASONS = {
     "indefinite": "P is not convex",
     "infeasible": "contradict each other",
@@ -146,7 +145,19 @@ def test_work_limits_the_proof_and_the_question_of_uniqueness_in_a_race_and_in_t
 ) -> None:
     np.savez(tmp_path / "weak.npz", **packed_program(many_weak_rows()))
     listed = ("problems", "--set", "foreign", "--folder", tmp_path)
-    raced = ("race", "--folder", tmp_path, *SHORT, "--solver", "clarabel", "--out", tmp_path / "results")
+    raced = (
+        "race",
+        "--folder",
+        tmp_path,
+        "--budget",
+        0.001,
+        "--rounds",
+        0,
+        "--solver",
+        "clarabel",
+        "--out",
+        tmp_path / "results",
+    )
     for work, shown in ((1e6, "uniqueness undecided"), (1e7, "unique")):
         assert f" {shown} " in piezobench(*listed, "--verify", "--work", work).stdout
         piezobench.run(*raced, "--work", work, "--name", f"{work:g}")

@@ -16,7 +16,6 @@ from piezo_model.recordings import write_table
 from piezo_model.units import quantity
 
 SAMPLE_TIME = 1e-3
-ORDERS = ("--n", 4, "--m", 1, "--creep-rates", "1,0.1")
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +32,8 @@ def desk(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> P
     y = truth.simulate(x, OperatorState(settled, np.tile(settled, len(structure.creep_rates))))
     write_table(folder / "stage.csv", {"time_s": t, "voltage_V": x, "displacement_um": y})
     write_table(folder / "wanted.csv", {"time_s": t, "reference_um": y})
-    piezobench.quietly("identify", "stage.csv", "--out", "model.json", *ORDERS, folder=folder)
+    words = ("--out", "model.json", "--n", 4, "--m", 1, "--creep-rates", "1,0.1")
+    piezobench.quietly("identify", "stage.csv", *words, folder=folder)
     return folder
 
 

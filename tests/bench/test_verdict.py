@@ -265,7 +265,6 @@ def test_a_note_compares_warm_starts_with_cold_ones() -> None:
 
 
 SPEED = {"box_active_set": 1.0, "recursive_active_set": 2.0, "a": 3.0, "b": 4.0, "c": 5.0, "d": 6.0, "e": 7.0, "f": 8.0}
-SIZES = (8, 18, 60)
 
 
 @pytest.mark.parametrize("status", ["solver_failed", "not_run", "crashed", "tampered"])
@@ -329,7 +328,7 @@ def sized(**change: object) -> list[Row]:
         one
         for solver, speed in SPEED.items()
         for lane in ("direct", "qpsolvers")
-        for d in SIZES
+        for d in (8, 18, 60)
         for one in ladder(
             {f"d{d}": [1.0 if solver == "a" and d == 60 else 0.0]},
             problem_set="orders",

@@ -181,13 +181,9 @@ def test_every_piece_has_an_amplitude_of_its_own() -> None:
     assert min(spans) > 0.3 * 0.95
 
 
-@pytest.fixture(scope="module")
-def rows() -> pd.DataFrame:
-    return pd.DataFrame([row for seed in (5, 6, 14) for row in robustness.rows(seed)])
-
-
 @pytest.mark.slow
-def test_every_way_ends_near_the_floor_and_far_from_the_straight_line(rows: pd.DataFrame) -> None:
+def test_every_way_ends_near_the_floor_and_far_from_the_straight_line() -> None:
+    rows = pd.DataFrame([row for seed in (5, 6, 14) for row in robustness.rows(seed)])
     assert (rows.cycle_5 < 0.5 * rows.straight).all()
     assert (rows.ratio < 3.0).all()
     assert (rows[rows.way == "continuous"].ratio < 1.5).all()
