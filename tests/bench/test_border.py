@@ -214,13 +214,7 @@ def with_column(name: str, value: object) -> Callable[[Path], object]:
     ],
 )
 def test_every_verb_that_reads_a_damaged_run_refuses_it_and_writes_nothing(
-    piezobench: CommandLine,
-    clean_race: Race,
-    run: Run,
-    tmp_path: Path,
-    file: str,
-    spoil: Callable[[Path], object],
-    message: str,
+    clean_race: Race, run: Run, tmp_path: Path, file: str, spoil: Callable[[Path], object], message: str
 ) -> None:
     path = run.path / file
     spoil(path)
@@ -231,7 +225,7 @@ def test_every_verb_that_reads_a_damaged_run_refuses_it_and_writes_nothing(
         ["compare", clean_race.run.path, run.path, "--out", tmp_path / "c"],
         ["deploy", run.path, "--out", tmp_path / "d.json", "--simulated"],
     ):
-        assert re.search(f"{re.escape(str(path))}: .*{re.escape(message)}", piezobench(*words).refusal)
+        assert re.search(f"{re.escape(str(path))}: .*{re.escape(message)}", in_process(*words).refusal)
     assert not list(tmp_path.iterdir())
     assert [*run.path.parent.iterdir()] == [run.path]
 
@@ -324,13 +318,13 @@ def test_a_run_that_names_a_test_set_is_continued_only_with_its_file(
 
 @pytest.mark.parametrize("link", ["figures", "parts", "problems", "models"])
 def test_a_run_that_links_to_another_folder_is_refused_and_that_folder_is_untouched(
-    piezobench: CommandLine, run: Run, tmp_path: Path, link: str
+    run: Run, tmp_path: Path, link: str
 ) -> None:
     shutil.copytree(run.path, tmp_path / "run", ignore=shutil.ignore_patterns("figures", link))
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "run" / link).symlink_to(tmp_path / "elsewhere")
     for verb in ("report", "resume", "deploy"):
-        assert f"{tmp_path / 'run' / link} is a link to another folder" in piezobench(verb, tmp_path / "run").refusal
+        assert f"{tmp_path / 'run' / link} is a link to another folder" in in_process(verb, tmp_path / "run").refusal
     assert not list((tmp_path / "elsewhere").iterdir())
 
 
