@@ -68,7 +68,7 @@ class QpsolversSolver(LibrarySolver):
             )
         except qpsolvers.ProblemError as error:
             raise Unsupported(f"{self.name} behind qpsolvers refuses the problem: {error}") from error
-        except qpsolvers.SolverError as error:
+        except (qpsolvers.SolverError, ArithmeticError) as error:  # the latter of CVXOPT
             self._answer = Solution(self._problem, found=False, extras={"status": str(error)})
         return None if self._answer.x is None else np.asarray(self._answer.x)
 

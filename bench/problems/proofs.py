@@ -36,7 +36,7 @@ from solvers.exact.problem import DoubleProblem
 
 T = TypeVar("T")
 
-VERSION = 4
+VERSION = 5
 """Cache version; raise it when the format of a proof or what is refused changes."""
 STARTERS = ("clarabel", "piqp", "highs", "daqp", "quadprog")
 """Solvers that compute a start, in order of preference, for programs with more than bounds."""

@@ -32,7 +32,7 @@ class Cvxopt(LibrarySolver):
     def call_library(self, warm_start: Vector | None) -> Vector | None:
         try:
             self._result = cvxopt.solvers.qp(**self._data, options={"show_progress": False, **self.settings})
-        except ValueError as error:  # the rows or the KKT matrix are singular
+        except (ValueError, ArithmeticError) as error:  # the rows or the KKT matrix are singular
             self._result = {"status": str(error), "x": np.full(self.program.d, np.nan), "y": (), "z": ()}
         return np.array(self._result["x"]).ravel()
 

@@ -17,7 +17,7 @@ warm solve on badly scaled data it selects wrong rows and spoils the answer.
 import numpy as np
 import osqp
 
-from solvers.adapter import Intervals, LibrarySolver, Matrix, Program, Report, Vector, csc_matrix
+from solvers.adapter import Intervals, LibrarySolver, Matrix, Program, Report, Unsupported, Vector, csc_matrix
 
 WITH_ANSWER = (
     osqp.SolverStatus.OSQP_SOLVED,
@@ -38,14 +38,14 @@ class Osqp(LibrarySolver):
     def build(self, p: Program, rows: Intervals) -> None:
         self._zero = np.zeros(p.d), np.zeros(rows.l.size)
         self._solver = osqp.OSQP()
-        self._solver.setup(
-            p.triangle.matrix(p.P),
-            p.q.copy(),
-            csc_matrix(rows.R),
-            rows.l,
-            rows.u,
-            **{"verbose": False, **self.settings},
+        matrices, settings = (
+            (p.triangle.matrix(p.P), p.q.copy(), csc_matrix(rows.R)),
+            {"verbose": False, **self.settings},
         )
+        try:
+            self._solver.setup(*matrices, rows.l, rows.u, **settings)
+        except osqp.OSQPException as error:
+            raise Unsupported(f"osqp refuses the problem with its error {error}; 4 is a P that is not convex") from None
 
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
         new = {"q": q}

@@ -1,11 +1,8 @@
 """The optimum of an exact quadratic program, from any guess of its active set.
 
 A working set W is optimal when its stationary point breaks no constraint outside W and no inequality in W has λ < 0.
-Otherwise W is repaired, first by a fast method, then by methods that are certain to terminate:
+Otherwise W is repaired by methods that are certain to terminate:
 
-- block exchange: all wrong constraints change sides at once, as long as their number decreases (J. J. Júdice,
-  F. M. Pires, "A block principal pivoting algorithm for large-scale strictly monotone linear complementarity
-  problems", Comput. Oper. Res. 21, 1994);
 - dual active set, for P ≻ 0: constraints of negative multiplier leave, then violated ones enter one by one while the
   multipliers stay nonnegative and the cost rises (D. Goldfarb, A. Idnani, "A numerically stable dual method for solving
   strictly convex quadratic programs", Math. Program. 27, 1983);
@@ -50,15 +47,20 @@ def optimum(program: ExactProgram, guess: Iterable[int], work: Work | None = Non
     OutOfWork
         The limit of the work is exceeded.
     """
-    budget = work or Work(WORK)
-    W, point = block_exchange(program, program.working_set(guess), budget)
-    if point.wrong and program.regular:
-        W, point = dual_active_set(program, W, budget)
-    elif point.wrong:
+    budget, W = work or Work(WORK), program.working_set(guess)
+    if program.regular:
+        return dual_active_set(program, W, budget)
+    if _point(program, W, budget).wrong:
         neighbour = _strictly_convex_neighbour(program)
-        W, point = dual_active_set(neighbour, neighbour.working_set(W), budget)
-        W, point = criss_cross(program, program.working_set(W), budget)
-    return W, point
+        W, _ = dual_active_set(neighbour, neighbour.working_set(W), budget)
+    return criss_cross(program, program.working_set(W), budget)
+
+
+def _point(program: ExactProgram, W: Sequence[int], budget: Work) -> Point:
+    budget.spend(program.pivot_work(W))
+    point = stationary_point(program, W)
+    budget.known = f"P is convex, and the last active set breaks {len(point.wrong)} conditions"
+    return point
 
 
 def _contradiction(program: ExactProgram, k: int, others: Iterable[int]) -> Infeasible:
@@ -66,33 +68,17 @@ def _contradiction(program: ExactProgram, k: int, others: Iterable[int]) -> Infe
     return Infeasible(f"the constraints contradict each other: {program.constraint(k)} against {against}")
 
 
-def block_exchange(program: ExactProgram, W: list[int], budget: Work) -> tuple[list[int], Point]:
-    """Exchange all wrong constraints at once until none is wrong or three exchanges in a row bring no improvement."""
-    fewest, patience = len(program.constraints) + program.d + 1, 0
-    while True:
-        budget.spend(program.pivot_work(W))
-        point = stationary_point(program, W)
-        budget.known = f"P is convex, and the best active set so far breaks {min(fewest, len(point.wrong))} conditions"
-        fewest, patience = (len(point.wrong), 3) if len(point.wrong) < fewest else (fewest, patience - 1)
-        if not point.wrong or patience == 0:
-            return W, point
-        leaving = {k for k in point.wrong if k in point.multipliers}
-        W = program.working_set([k for k in W if k not in leaving] + [k for k in point.wrong if k not in leaving])
-
-
 def dual_active_set(program: ExactProgram, W: list[int], budget: Work) -> tuple[list[int], Point]:
     """The optimum of a program with P ≻ 0; raises :class:`Infeasible`."""
-    budget.spend(program.pivot_work(W))
     W = [k for k in W if k < len(program.constraints)]  # P ≻ 0 needs no pins
-    point = stationary_point(program, W)
+    point = _point(program, W, budget)
     while pulling := {k for k in point.wrong if k in point.multipliers}:
-        budget.spend(program.pivot_work(W))
         W = [k for k in W if k not in pulling]
-        point = stationary_point(program, W)
+        point = _point(program, W, budget)
     while point.wrong:
         k = max(point.wrong, key=lambda k: abs(point.slacks[k]) / program.constraint(k).size)
         W = _enter(program, k, W, point, budget)
-        point = stationary_point(program, W)
+        point = _point(program, W, budget)
     return W, point
 
 
@@ -133,13 +119,10 @@ def _strictly_convex_neighbour(program: ExactProgram) -> ExactProgram:
 
 def criss_cross(program: ExactProgram, W: list[int], budget: Work) -> tuple[list[int], Point]:
     """Pivot on the wrong constraint of least index; raises :class:`Infeasible` or :class:`Unbounded`."""
-    while True:
-        budget.spend(program.pivot_work(W))
-        point = stationary_point(program, W)
-        if not point.wrong:
-            return W, point
+    while (point := _point(program, W, budget)).wrong:
         step = _drop if point.wrong[0] in point.multipliers else _add
         W = step(program, point.wrong[0], W, point)
+    return W, point
 
 
 def _add(program: ExactProgram, k: int, W: Sequence[int], point: Point) -> list[int]:

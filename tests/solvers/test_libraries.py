@@ -288,6 +288,15 @@ def test_rows_that_contradict_each_other_are_never_called_found(lane: Lane, name
     np.testing.assert_array_equal(x, np.full(x.shape, np.nan) if solution.x is None else solution.x)
 
 
+@pytest.mark.parametrize("lane", [Lane.DIRECT, Lane.QPSOLVERS])
+def test_a_library_that_breaks_on_a_problem_refuses_it_or_has_no_answer(lane: Lane) -> None:
+    solver = ready(lane, "cvxopt", Problem(np.eye(2), np.ones(2), lb=np.full(2, -1e30), ub=np.full(2, 1e30)))
+    assert np.isnan(solver.solve()).all()
+    assert "division" in solver.solution().extras["status"]
+    with pytest.raises(Unsupported, match="osqp refuses the problem with its error 4"):
+        ready(Lane.DIRECT, "osqp", Problem(np.diag([1.0, -1.0]), np.ones(2)))
+
+
 @pytest.mark.filterwarnings("ignore::UserWarning")  # of qpsolvers and cvxpy, and true
 @pytest.mark.parametrize(("lane", "name"), [case for case in ALL if case[1] in LIMIT and case not in SILENT])
 def test_an_answer_that_a_library_does_not_call_found_is_kept_with_its_duals_and_its_status(
