@@ -105,6 +105,8 @@ def read_npz(path: Path) -> ReadProgram:
     with opened(path) as arrays:
         pickled = {name: dtype.hasobject for name, dtype in _headers(arrays)}
         values = {name: arrays[name] for name, is_object in pickled.items() if not is_object}
+        prefix = "raw/" if "raw/P" in values or "raw/P/data" in values else ""
+        fields = {name: unpacked(values, prefix + name) for name in QP_FIELDS}
     for name in filter(pickled.get, pickled):
         is_needed = name in ("P", "q", "c", "r") or PARTNER.get(name) in values  # so it is not a None
         check(
@@ -112,8 +114,6 @@ def read_npz(path: Path) -> ReadProgram:
             f"{name} is stored as a Python object, which is not read; store sparse matrices as "
             f"{', '.join(f'{name}/{field}' for field in CSC_FIELDS)}",
         )
-    prefix = "raw/" if "raw/P" in values or "raw/P/data" in values else ""
-    fields = {name: unpacked(values, prefix + name) for name in QP_FIELDS}
     constant = next((constant_term(name, values[name]) for name in ("c", "r") if name in values), 0.0)
     for name in ("P", "q"):
         check(fields[name] is not None, f"holds no {name}; a program has P and q at least")

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, Self
 
-import numpy as np
 import pandas as pd
 
 from bench.messages.columns import Column
@@ -107,19 +106,6 @@ def first_view(table: pd.DataFrame) -> str:
     """The default view; "" for an empty table or one without views."""
     names = dict.fromkeys(map(str, table.get("view", ())))  # min takes the first of equals
     return min(names, key=lambda name: (not name.startswith("paper,"), "scaled" not in name), default="")
-
-
-def log_ticks(values: pd.Series) -> tuple[list[float], str]:
-    """Positions and number format of the labels of a logarithmic axis over these values; no positions if the axis is
-    shorter than the ticks' spacing."""
-    known = values[np.isfinite(values.astype(float)) & (values > 0.0)]
-    low, high = (float(known.min()), float(known.max())) if len(known) else (1.0, 10.0)
-    first, last = int(np.floor(np.log10(low))), int(np.ceil(np.log10(high)))
-    steps, every = ((1, 2, 5), 1) if last - first <= 3 else ((1,), 1 + (last - first) // 12)
-    lines = [step * 10.0**k for k in range(first, last + 1, every) for step in steps]
-    if sum(low <= line <= high for line in lines) < 2:
-        return [], "~g"
-    return lines, "~s" if last - first > 5 else "~g"
 
 
 @dataclass(frozen=True)

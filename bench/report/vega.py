@@ -16,7 +16,7 @@ import vl_convert
 
 from bench.messages import user_cache
 from bench.report.console import plain_json
-from bench.report.report import BEST, INK, PALETTE, Axis, Mark, Plot, first_view, log_ticks
+from bench.report.report import BEST, INK, PALETTE, Axis, Mark, Plot, first_view
 
 VEGA_LITE = "6.4"
 WIDTH = 780
@@ -177,16 +177,13 @@ def _position(table: pd.DataFrame, axis: Axis, column: str = "", share: bool = F
     drawn: dict[str, Any] = {
         "labelOverlap": True,
         **({"values": [*axis.values]} if axis.values else {}),
-        **({"format": axis.format} if axis.format else {}),
+        **({"format": axis.format or "~g"} if axis.format or axis.log else {}),
     }
     scale: dict[str, Any] = {
         "nice": False,
         **({"type": "log", "padding": 8} if axis.log else {"zero": False}),
         **({"domain": [*axis.domain]} if axis.domain else {}),
     }
-    if axis.log:
-        ticks, written = log_ticks(table[axis.column])
-        drawn = {**({"values": ticks} if ticks else {}), "format": written, **drawn}
     return {
         "field": field,
         "type": "quantitative",

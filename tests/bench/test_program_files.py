@@ -321,6 +321,7 @@ OF_ONE = {"P": np.eye(1), "q": np.ones(1), "x_l": np.zeros(1)}
         ("invalid.npz", compressed(indptr=[0, 3, 2]), "P has columns that do not begin"),
         ("invalid.npz", compressed(shape=[2, 9]), "P is of shape (2, 9) and its index arrays are not"),
         ("invalid.npz", compressed(data=[1.0 + 1j, 1.0]), "P holds complex numbers"),
+        ("part.npz", {"P": None, "P/data": np.ones(2)}, "holds no array 'P/indices'"),
     ],
     ids=lambda each: each if isinstance(each, str) else "",  # bytes hold the time at which they were made
 )
