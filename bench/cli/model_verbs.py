@@ -56,8 +56,8 @@ def _rates(text: str) -> tuple[float, ...]:
         rates = tuple(map(float, text.split(",")))
     except ValueError:
         raise typer.BadParameter(f"{text!r} is not a list of numbers separated by commas") from None
-    if not all(rate > 0.0 for rate in rates):
-        raise typer.BadParameter(f"{text!r} has a rate that is not positive")
+    if not all(0.0 < rate < float("inf") for rate in rates):
+        raise typer.BadParameter(f"{text!r} has a rate that is not positive and finite")
     return rates
 
 

@@ -29,7 +29,6 @@ from piezo_model.json_file import decoded
 from solvers import Lane, entries
 from solvers.registry import OURS
 
-RESULTS = Path("results")
 MOST_NAMED = 3
 """Most absent solver lanes that are named on the first screen."""
 FEW = 3
@@ -124,7 +123,7 @@ def race_verb(
     budget: Annotated[
         float, typer.Option(metavar="SECONDS", min=0.0, help="Duration of the timed calls of a task.")
     ] = 0.005,
-    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder that holds the runs.")] = RESULTS,
+    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder that holds the runs.")] = Path("results"),
     name: Annotated[str | None, typer.Option(metavar="NAME", help="Name of the run; date and time by default.")] = None,
     as_json: AsJson = False,
 ) -> None:

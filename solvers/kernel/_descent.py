@@ -20,14 +20,12 @@ class ProjectedGradient(BuiltInSolver):
     """The compiled steps."""
     timed_loop: ClassVar[Callable[..., int]]
     """The compiled loop that times ``update`` and ``solve``."""
-    without_test = -1.0
-    """The tolerance that the compiled steps take for none."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
         tolerance = self.options["tolerance"]
         self._rule = float(self.options.get("step_ratio", 0.5)), int(self.options["diagonal_scaling"])
-        self._limits = self.options["steps"], self.without_test if tolerance is None else float(tolerance)
+        self._limits = self.options["steps"], -1.0 if tolerance is None else float(tolerance)
 
     def set_data(self, state: Any, P: Matrix | None, q: Vector | None) -> int:
         status = bindings.descent_set_data(state, P, q, *self._rule)

@@ -2,6 +2,7 @@
 
 import gzip
 import io
+import os
 import re
 import zipfile
 from pathlib import Path
@@ -331,6 +332,12 @@ def test_an_invalid_file_is_refused_with_the_reason(
     write(tmp_path / name, content)
     with pytest.raises(ProblemFileError, match=f"{name}.*{re.escape(sentence)}"):
         read(tmp_path / name)
+
+
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.qps")
+    with pytest.raises(ProblemFileError, match=r"pipe\.qps: is not a regular file"):
+        read(tmp_path / "pipe.qps")
 
 
 def test_invalid_index_arrays_of_a_matlab_file_are_refused(tmp_path: Path) -> None:
