@@ -32,6 +32,6 @@ def suffix_of(path: Path) -> str:
 def read(path: Path) -> ReadProgram:
     """The program in a file; ProblemFileError for an invalid file."""
     with about(path):
-        check(suffix_of(path) in READERS, f"unknown suffix {suffix_of(path)!r}; a program is in {', '.join(READERS)}")
         check(path.is_file() or not path.exists(), "is not a regular file")  # a pipe would be waited for
+        check(suffix_of(path) in READERS, f"unknown suffix {suffix_of(path)!r}; a program is in {', '.join(READERS)}")
         return READERS[suffix_of(path)](path)

@@ -289,12 +289,9 @@ def test_rows_that_contradict_each_other_are_never_called_found(lane: Lane, name
 
 
 @pytest.mark.parametrize("lane", [Lane.DIRECT, Lane.QPSOLVERS])
-def test_a_library_that_breaks_on_a_problem_refuses_it_or_has_no_answer(lane: Lane) -> None:
+def test_a_library_that_breaks_on_a_problem_has_no_answer(lane: Lane) -> None:
     solver = ready(lane, "cvxopt", Problem(np.eye(2), np.ones(2), lb=np.full(2, -1e30), ub=np.full(2, 1e30)))
     assert np.isnan(solver.solve()).all()
-    assert "division" in solver.solution().extras["status"]
-    with pytest.raises(Unsupported, match="osqp refuses the problem with its error 4"):
-        ready(Lane.DIRECT, "osqp", Problem(np.diag([1.0, -1.0]), np.ones(2)))
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")  # of qpsolvers and cvxpy, and true
@@ -414,11 +411,11 @@ def test_cvxpy_compiles_the_problem_once_since_it_is_dpp_and_reports_the_time_of
 
 
 def test_the_square_root_of_a_singular_cost_still_gives_that_cost() -> None:
-    M = np.random.default_rng(0).normal(size=(3, 6))
-    root = square_root(M.T @ M)
-    np.testing.assert_allclose(root.T @ root, M.T @ M, atol=1e-12)
+    root = square_root(np.ones((3, 3)))
+    np.testing.assert_allclose(root.T @ root, np.ones((3, 3)), atol=1e-12)
 
 
-def test_an_indefinite_cost_is_refused_by_cvxpy_with_its_eigenvalue() -> None:
-    with pytest.raises(Unsupported, match="-2"):
-        ready(Lane.CVXPY, "clarabel", Problem(np.diag([1.0, -2.0]), np.zeros(2), lb=np.zeros(2)))
+@pytest.mark.parametrize(("lane", "name", "why"), [(Lane.CVXPY, "clarabel", "-2"), (Lane.DIRECT, "osqp", "error 4")])
+def test_an_indefinite_cost_is_refused_with_what_shows_it(lane: Lane, name: str, why: str) -> None:
+    with pytest.raises(Unsupported, match=why):
+        ready(lane, name, Problem(np.diag([1.0, -2.0]), np.zeros(2), lb=np.zeros(2)))
