@@ -51,8 +51,8 @@ def times(chunks: Sequence[pa.StringArray], label: str, where: RowName) -> NDArr
     read = [_of_day(chunk, dates, zones) for chunk in chunks]
     of_day, short, date, zone, known = (np.concatenate(arrays) for arrays in zip(*read, strict=True))
     if short.any() and (of_day[short] % SECOND > 0).any():  # a fraction shows that two numbers are minutes and seconds
-        below_minute = of_day[short] % (60 * SECOND)
-        of_day[short] = (of_day[short] - below_minute) // 60 + below_minute
+        seconds, fraction = np.divmod(of_day[short], 60 * SECOND)
+        of_day[short] = (seconds + 3600 * np.cumsum(np.diff(seconds, prepend=0) < -1800)) * SECOND + fraction
     first = int(np.argmax(known))
     days = _days(list(dates), int(date[first]))[date]
     wrong = np.flatnonzero(known & (np.isnan(days) | (zone != zone[first]) | (of_day < 0)))

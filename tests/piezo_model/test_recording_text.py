@@ -39,8 +39,7 @@ def rows(line: str, end: str = "\n", decimal: str = ".", times: Sequence[str] | 
 
 
 def clock(day: str, start: float = 0.0) -> list[str]:
-    seconds = T + start
-    return [day.format(f"{int(s // 3600) % 24:02d}:{int(s // 60) % 60:02d}:{s % 60:09.6f}") for s in seconds]
+    return [day.format(f"{int(s // 3600) % 24:02d}:{int(s // 60) % 60:02d}:{s % 60:09.6f}") for s in T + start]
 
 
 HEADER = "time_s,voltage_V,height_um\n"
@@ -115,6 +114,10 @@ FILES: dict[str, tuple[bytes | str, dict]] = {
     "rule under the header": (f"time_s voltage_V height_um\n------ --------- ---------\n{rows('{t} {x} {y}')}", {}),
     "clock": (f"Timestamp,voltage_V,height_um\n{rows('{t},{x},{y}', times=clock('{}', 43000.0))}", {}),
     "clock past midnight": (f"Timestamp,voltage_V,height_um\n{rows('{t},{x},{y}', times=clock('{}', 86399.0))}", {}),
+    "minutes and seconds past the hour": (
+        f"Timestamp,voltage_V,height_um\n{rows('{t},{x},{y}', times=[c[3:] for c in clock('{}', 3599.0)])}",
+        {},
+    ),
     "ISO date": (f"when,voltage_V,height_um\n{rows('{t},{x},{y}', times=clock('2024-01-31T{}Z'))}", {}),
     "dotted date": (f"when;voltage_V;height_um\n{rows('{t};{x};{y}', times=clock('2024.01.31 {}'))}", {}),
     "German date": (
@@ -262,11 +265,13 @@ def test_any_dialect_is_detected(
 ) -> None:
     if (separator == "," == decimal and not quote) or (separator == " " and quote):
         return
-    values = np.random.default_rng(seed).normal(0, 10, (30, width))
     text, names = io.StringIO(), [f"signal{k}" for k in range(width)]
     writer = csv.writer(text, delimiter=separator, quoting=csv.QUOTE_ALL if quote else csv.QUOTE_MINIMAL)
     writer.writerows([names] * header + [["V"] * width] * (header and units))
-    writer.writerows([f"{value:.{digits}f}".replace(".", decimal) for value in row] for row in values)
+    writer.writerows(
+        [f"{value:.{digits}f}".replace(".", decimal) for value in row]
+        for row in np.random.default_rng(seed).normal(0, 10, (30, width))
+    )
     found = layout_of(text.getvalue().splitlines(keepends=True))
     assert (found.dialect.separator, found.dialect.decimal, len(found.columns)) == (separator, decimal, width)
     assert found.start == header + (header and units)
