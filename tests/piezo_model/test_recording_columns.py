@@ -181,8 +181,8 @@ K = np.arange(5000)
 def test_rounding_of_printed_times_and_jitter_within_the_tolerance_are_no_irregularities(
     tmp_path: Path, times: list[str] | np.ndarray, options: dict[str, float], sample_time: float, rel: float
 ) -> None:
-    found = Recording.open(with_times(tmp_path, times), **options).sample_time  # type: ignore[arg-type]
-    assert found == pytest.approx(sample_time, rel=rel)
+    recording = Recording.open(with_times(tmp_path, times), **options)  # type: ignore[arg-type]
+    assert recording.sample_time == pytest.approx(sample_time, rel=rel)
 
 
 @pytest.mark.parametrize(
@@ -234,8 +234,9 @@ def test_uneven_times_are_interpolated_in_a_straight_line(tmp_path: Path, period
     t, *signals = np.loadtxt(path, delimiter=",", skiprows=1, unpack=True)
     even = period * np.arange(recording.length)
     assert even[-1] <= t[-1] < even[-1] + period * (1 + 1e-9)
-    expected = [np.interp(even, t, values) for values in signals]
-    np.testing.assert_allclose([recording.x, recording.y], expected, atol=1e-12)
+    np.testing.assert_allclose(
+        [recording.x, recording.y], [np.interp(even, t, values) for values in signals], atol=1e-12
+    )
     assert recording.sample_time == period
     assert "interpolated from 500 rows at the times of the file" in recording.describe()
 
@@ -274,7 +275,7 @@ def test_a_period_that_agrees_with_the_time_column_or_stands_in_its_place_is_tak
 
 
 def test_a_unit_that_is_given_is_the_one_of_the_recording(tmp_path: Path) -> None:
-    path = text_file(tmp_path, *waves(np.arange(500) * 1e-3, "time,drive,sensor_um"))
-    recording = Recording.open(path, input_unit="Volts", output_unit="nm")
+    lines = waves(np.arange(500) * 1e-3, "time,drive,sensor_um")
+    recording = Recording.open(text_file(tmp_path, *lines), input_unit="Volts", output_unit="nm")
     assert (recording.input_unit, recording.output_unit) == ("V", "nm")
     assert "V, output 'sensor_um' from" in recording.describe()

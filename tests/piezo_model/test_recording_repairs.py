@@ -243,8 +243,7 @@ def test_sweeps_below_each_other_are_parts(tmp_path: Path, kind: str) -> None:
     for samples in recording.parts:
         np.testing.assert_allclose([recording.x[samples], recording.y[samples]], [X[SWEEP], Y[SWEEP]], rtol=1e-6)
     assert "2 parts: the times start again" in recording.describe()
-    part = Recording.open(tmp_path / "stage.csv", from_s=1.0, to_s=2.0)
-    assert [*part.parts] == [slice(0, 201), slice(201, 402)]
+    assert opened(tmp_path, PARTS[kind], from_s=1.0, to_s=2.0).parts == [slice(0, 201), slice(201, 402)]
     finer = Recording.open(tmp_path / "stage.csv", resample=PERIOD / 4)
     assert (finer.length, finer.starts, finer.y[3997]) == (2 * 3997, (0, 3997), recording.y[0])
 

@@ -14,6 +14,7 @@ from itertools import islice, takewhile
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.csv as arrow_csv
 
@@ -29,10 +30,12 @@ from piezo_model.recordings.layout import (
     Layout,
     Region,
     as_remark,
+    cells_of,
     layout_of,
     regions_of,
 )
 from piezo_model.recordings.table import RecordingError, Table, first_line
+from solvers.arrays import Vector
 
 HEAD_BYTES = LONGEST_LINE = 1 << 18
 """Bytes at the start of a file that determine its format; the header of a text is within them, and no row is longer."""
@@ -85,12 +88,10 @@ class TextRows:
         layout, dialect = self.layout, self.layout.dialect
         keys = [str(k) for k in range(len(layout.columns))]  # names in the file may repeat or be empty
         clocks = {k for k in at if layout.columns[k].kind == "clock"}
+        delimiter = "\t" if dialect.separator in RUNS else dialect.separator
         options = (
             arrow_csv.ReadOptions(use_threads=False, column_names=keys, block_size=LARGEST_BLOCK),
-            arrow_csv.ParseOptions(
-                delimiter="\t" if dialect.separator in RUNS else dialect.separator,
-                quote_char='"' if layout.quoted else False,
-            ),
+            arrow_csv.ParseOptions(delimiter=delimiter, quote_char='"' if layout.quoted else False),
             arrow_csv.ConvertOptions(
                 column_types={keys[k]: pa.string() if k in clocks else pa.float64() for k in at},
                 include_columns=list(dict.fromkeys(keys[k] for k in at)),
@@ -100,14 +101,6 @@ class TextRows:
                 check_utf8=False,
             ),
         )
-        rows = (dialect.split(line) for _, _, line in islice(self._named_rows(), SAMPLE_LINES))
-        for k, cells in enumerate(zip(*(row for row in rows if len(row) == len(keys)), strict=True)):
-            if k in at and {3, 5}.issubset(map(len, cells)) and all(map(GROUPED.fullmatch, cells)):
-                raise RecordingError(
-                    f"{self.source.path}: column {layout.columns[k].name!r} holds numbers such as "
-                    f"{max(cells, key=len)!r} and {min(cells, key=len)!r}; is the mark between thousands? Write them "
-                    "without it"
-                )
         for block in filter(
             bytes.strip, map(self._for_arrow, blocks_of(self.source, self.encoding, self.start, self.stop))
         ):
@@ -118,9 +111,24 @@ class TextRows:
             lines = (block.count(b"\n") or block.count(b"\r")) + (not block.endswith((b"\n", b"\r")))
             if layout.quoted and len(table) != lines:
                 raise RecordingError(f"{self.source.path}: has an unclosed quote: {lines} lines give {len(table)} rows")
+            for k in set(at) - clocks:
+                self._refuse_grouped(k, table[keys[k]].to_numpy(), block, delimiter)
             for batch in table.to_batches():
-                columns = {k: batch.column(keys[k]) for k in at}
-                yield [columns[k] if k in clocks else array_of(columns[k]) for k in at]
+                columns = ((k, batch.column(keys[k])) for k in at)
+                yield [column if k in clocks else array_of(column) for k, column in columns]
+
+    def _refuse_grouped(self, k: int, values: Vector, block: bytes, delimiter: str) -> None:
+        """Refuse whole numbers of which the large ones have marks between thousands, read as 999 next to 1.234."""
+        known = values[np.isfinite(values)]
+        if not (known[np.abs(known) >= 100.0] % 1.0 == 0.0).any() or (known != np.round(known, 3)).any():
+            return
+        cells = [cells_of(line.rstrip(), delimiter)[k].strip() for line in LINE.findall(block.decode())]
+        if {3, 5}.issubset(map(len, cells)) and all(map(GROUPED.fullmatch, cells)):
+            raise RecordingError(
+                f"{self.source.path}: column {self.layout.columns[k].name!r} holds numbers such as "
+                f"{max(cells, key=len)!r} and {min(cells, key=len)!r}; is the mark between thousands? Write them "
+                "without it"
+            )
 
     def where(self, row: int) -> str:
         """Name of a data row counted from 0: its row in the file as an editor counts, and its data row from 1."""
@@ -232,24 +240,22 @@ def _table(
     start = begin + sum(_size(line, encoding) for line in lines[: layout.start])
     start += _size(lines[layout.start][: layout.glued], encoding)
     stop, dropped = end_of_rows(source, encoding, layout, start, end)
-    header = region.line + (layout.header or 0) + 1
     clauses = {
         f"{source.form}{ENCODINGS[encoding]}": True,
         f"separated by {SEPARATORS[layout.dialect.separator]}": not source.sheet,
         "decimal comma": layout.dialect.decimal == ",",
-        "no header" if layout.header is None else f"header in row {header}": True,
+        "no header" if layout.header is None else f"header in row {region.line + layout.header + 1}": True,
         "which also contains the first row": layout.glued,
     }
     form = ", ".join(clause for clause, holds in clauses.items() if holds)
     rows = TextRows(source, encoding, layout, start, stop, region.line)
-    repairs = (f"incomplete lines at the end are left out: {dropped}",) * (dropped > 0)
     return Table(
         source.path,
         form,
         layout.columns,
         rows.batches,
         rows.where,
-        repairs,
+        (f"incomplete lines at the end are left out: {dropped}",) * (dropped > 0),
         times,
         ": ".join(filter(None, (source.sheet, region.title))),
         region.rows,
