@@ -203,7 +203,7 @@ def conversion(name: str, role: str, unit: str, to: str) -> tuple[float, str]:
         (1.0, text) if (parsed := _parsed(text)) is None else _registry().get_root_units(parsed)
         for text in (own, other)
     )
-    if str(root) != str(other_root):
+    if str(root) != str(other_root) or _registry().convert(0.0, own, other):  # of °C and K, the zeros differ
         raise UnitError(
             f"{name}: the {role} is in {shown(own)}, which cannot be converted to {shown(other)}; name another column, "
             "or the unit that the values are really in"

@@ -92,7 +92,8 @@ def test_a_recording_is_converted_to_other_units(
 
 
 @pytest.mark.parametrize(
-    ("unit", "wanted"), [("V", "µm"), ("nm", "V"), ("counts", "V"), ("rad", "µm"), ("%", "rad"), ("LSB", "counts")]
+    ("unit", "wanted"),
+    [("V", "µm"), ("nm", "V"), ("counts", "V"), ("rad", "µm"), ("%", "rad"), ("LSB", "counts"), ("K", "°C")],
 )
 def test_units_of_different_kinds_are_refused_by_name_and_the_recording_stays(unit: str, wanted: str) -> None:
     recording = Recording.from_arrays([0.0, 1.0], [0.0, 2.0], 1e-3, input_unit=unit, output_unit="um", name="a.csv")
