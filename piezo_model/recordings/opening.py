@@ -45,6 +45,9 @@ CLOCK_TOLERANCE = 0.01
 """Largest relative difference between the sampling periods by a time column and by the user."""
 MOST_VOLTS, MOST_METRES, LONGEST_PERIOD_S = 1e4, 1.0, 60.0
 """Largest voltage, travel and sampling period that need no confirmation."""
+DAYS, SHORTEST_IN_DAYS, MOST_SECONDS = (3e4, 8e5), 2e-5, 1e10
+"""First times that may be days, as of Excel and MATLAB, with shorter periods than these; times since 1970 that are
+larger are no seconds."""
 GUESS = " (seconds assumed; override with --time-unit)"
 NEAR = 0.75
 """Largest distance of an interpolated value from a measured one, in sampling periods, at which it is counted."""
@@ -115,7 +118,12 @@ def read_signals(
     if time is None and options.resample is not None:
         raise RecordingError(f"{table.path}: --resample needs a time column, and there is none; name it with --time")
     unit = 1.0 if time is None else seconds_per_unit(table, time, options)
-    stated = table.columns[next(iter(signals.values()))].sample_time
+    stated, *others = dict.fromkeys(table.columns[k].sample_time for k in signals.values())
+    if others and time is None and options.sample_time is None:
+        raise RecordingError(
+            f"{table.path}: {' and '.join(repr(table.names[k]) for k in signals.values())} are sampled every "
+            f"{stated:g} and {others[0]:g} s; resample one of them"
+        )
     period = options.sample_time or stated or 1.0
     selected, kept = _selected_rows(table, time, unit, period, options)
     columns = dict(zip(roles.columns, table.read([*roles.columns.values()], selected), strict=True))
@@ -145,7 +153,10 @@ def read_signals(
     is_number = time is not None and table.columns[time].kind == "number"
     guessed = is_number and not (time is None or table.columns[time].unit or options.time_unit)
     is_stated = time is None and options.sample_time is None and stated is not None
-    if (
+    dated = guessed and (
+        abs(rows.times[0]) > MOST_SECONDS or (DAYS[0] < rows.times[0] < DAYS[1] and sample_time < SHORTEST_IN_DAYS)
+    )
+    if dated or (
         sample_time > LONGEST_PERIOD_S
         and options.resample is None
         and (is_stated or (is_number and options.time_unit is None))
@@ -164,8 +175,7 @@ def read_signals(
         "remarks": (*rows.remarks, *rows.repairs),
         "guessed_seconds": guessed,
     }
-    of = zip(signals.items(), rows.signals, strict=True)
-    return about, rows, [_unit(table, *signal, values, options) for signal, values in of]
+    return about, rows, [_unit(table, *of, options) for of in zip(signals, signals.values(), rows.signals, strict=True)]
 
 
 def _sampled(rows: Rows, period: float, options: ReadOptions) -> float:
@@ -257,8 +267,18 @@ def joined(
         for role, of in (("input", first), ("output", second))
         for key, why in of.reasons.items()
     }
-    form, repairs = f"two files, the first {table.form}", (*table.repairs, *second.table.repairs)
-    return Table(path, form, tuple(columns), lambda at: [[arrays[k] for k in at]], table.where, repairs), named, reasons
+    return (
+        Table(
+            path,
+            f"two files, the first {table.form}",
+            tuple(columns),
+            lambda at: [[arrays[k] for k in at]],
+            table.where,
+            (*table.repairs, *second.table.repairs),
+        ),
+        named,
+        reasons,
+    )
 
 
 def _channel(name: str, time: str | None, options: ReadOptions) -> tuple[Roles, list[Vector]]:

@@ -215,4 +215,4 @@ def check_sample_time(label: str, seconds: float) -> None:
 
 def first_line(error: BaseException) -> str:
     """First line of an error's message, or its type."""
-    return str(error).strip().splitlines()[0].rstrip(".") if str(error).strip() else type(error).__name__
+    return printable((str(error).strip().splitlines() or [type(error).__name__])[0]).rstrip(".")

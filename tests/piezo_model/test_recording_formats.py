@@ -358,14 +358,29 @@ def test_a_file_that_was_read_can_be_written_again(tmp_path: Path) -> None:
                 lambda path, **arrays: scipy.io.savemat(path, arrays, appendmat=False),
             )
         ),
+        (
+            tdms(
+                [
+                    nptdms.ChannelObject("Stage", name, values, properties={"wf_increment": period})
+                    for name, values, period in (("Drive", X, PERIOD), ("Sensor", Y, 2 * PERIOD))
+                ]
+            ),
+            "'Drive' and 'Sensor' are sampled every 0.0005 and 0.001 s; resample one of them",
+        ),
     ],
-    ids=["another format", "scaled", "NumPy", "HDF5", "MATLAB"],
+    ids=["another format", "scaled", "NumPy", "HDF5", "MATLAB", "TDMS"],
 )
-def test_a_file_without_columns_is_refused_with_what_it_holds_or_what_is_read(
+def test_a_file_that_is_no_recording_is_refused_with_what_it_holds_or_what_is_read(
     tmp_path: Path, write: Callable[[Path], object], sentence: str
 ) -> None:
     write(tmp_path / "stage.bin")
     assert sentence in refusal(tmp_path / "stage.bin")
+
+
+def test_a_mistake_in_a_reader_is_not_called_a_damaged_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("piezo_model.recordings.formats.libraries.PROPERTIES", None)
+    with pytest.raises(TypeError):
+        Recording.open(made(tmp_path, "TDMS waveform"))
 
 
 @pytest.mark.parametrize("period", [0.0, -1e-3, np.nan])

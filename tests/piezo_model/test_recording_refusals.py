@@ -122,6 +122,19 @@ REFUSED: list[tuple[list[str], dict[str, Any], str]] = [
         {},
         "column 'Weg_nm' holds numbers such as '1.000' and '989'; is the mark between thousands? Write them without it",
     ),
+    (
+        ["t;Weg_nm", *(f"{k};{f'{k % 900 + 5000 * (k > 2500):,}'.replace(',', '.')}" for k in range(3000))],
+        {},
+        "column 'Weg_nm' holds numbers such as '5.701' and '0'; is the mark between thousands? Write them without it",
+    ),
+    *(
+        (
+            ["t,u,y", *(f"{start + k * step:.9f},{k % 7},{k % 5}" for k in range(200))],
+            {},
+            "--time-unit states or confirms",
+        )
+        for start, step in ((45382.5, 1e-3 / 86400.0), (739000.5, 1.0 / 86400.0), (1711900000000.0, 1.0))
+    ),
     # columns
     (
         ['"t\n[s]","drive\n[V]","height\n[um]"', *timed(EVEN)[1:]],

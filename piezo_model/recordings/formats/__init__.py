@@ -6,6 +6,7 @@
 If its library reads all values at once, a reader first passes the size that the file states to `table.check_size`.
 """
 
+import traceback
 import warnings
 import zipfile
 from collections.abc import Callable
@@ -20,7 +21,8 @@ from piezo_model.recordings.formats.xlsx import open_workbook
 from piezo_model.recordings.options import ReadOptions
 from piezo_model.recordings.table import RecordingError, Table, first_line
 
-HDF5 = b"\x89HDF\r\n\x1a\n"
+MISTAKES = (AttributeError, LookupError, NameError, TypeError)
+"""Errors that are mistakes of a program, if they arise in ours; in a library, they mean a damaged file."""
 
 
 def begins(*marks: bytes) -> Callable[[Path, bytes], bool]:
@@ -65,7 +67,7 @@ FORMATS = (
     Format("an Excel workbook", holds("xl/workbook.xml"), open_workbook, takes=("header_row", "table")),
     Format(
         "an HDF5 file",
-        lambda path, head: any(head[at : at + 8] == HDF5 for at in (0, 512, 1024, 2048, 4096)),
+        lambda path, head: any(head[at : at + 8] == b"\x89HDF\r\n\x1a\n" for at in (0, 512, 1024, 2048, 4096)),
         read_hdf5,
     ),
     Format("a MATLAB file", begins(b"MATLAB "), read_matlab),
@@ -97,7 +99,7 @@ def open_tables(path: str | Path, options: ReadOptions) -> list[Table]:
                 raise RecordingError(f"{path}: is {format.name}, which takes no {name.replace('_', ' ')}")
         with warnings.catch_warnings(action="ignore"):  # from libraries
             contents = format.read(path, *(getattr(options, name) for name in format.takes if name != "table"))
-            tables: list[Table] = [table_of(path, contents)] if isinstance(contents, Arrays) else contents
+            return [table_of(path, contents)] if isinstance(contents, Arrays) else contents
     except RecordingError:
         raise
     except MemoryError:
@@ -112,5 +114,7 @@ def open_tables(path: str | Path, options: ReadOptions) -> list[Table]:
             + ("no such file" if isinstance(error, FileNotFoundError) else f"cannot be read: {error.strerror}")
         ) from None
     except Exception as error:
+        *_, (place, _) = traceback.walk_tb(error.__traceback__)
+        if place.f_globals["__name__"].startswith("piezo_model.") and isinstance(error, MISTAKES):
+            raise
         raise RecordingError(f"{path}: is {format.name}, and damaged: {first_line(error)}") from None
-    return tables

@@ -71,11 +71,10 @@ def read_hdf5(path: Path) -> Arrays:
         if item.attrs.get("MATLAB_class") != b"char"
         and {"scale_factor", "add_offset"}.isdisjoint(item.attrs)  # of NetCDF
     }
-    units = {item.name.lstrip("/"): _unit(item) for item in datasets}
     period = _stated([file, *(item.parent for item in datasets), *datasets], datasets)
     if sum(array.size * array.dtype.itemsize for array in arrays.values()) <= AT_ONCE:
         arrays = {name: array[()] for name, array in arrays.items()}
-    return Arrays("HDF5", arrays, units, period)
+    return Arrays("HDF5", arrays, {item.name.lstrip("/"): _unit(item) for item in datasets}, period)
 
 
 def refuse_other_files(path: Path, file: Any) -> None:
@@ -109,7 +108,9 @@ def _stated(holders: Sequence[Any], datasets: Sequence[Any]) -> float | None:
 def _unit(item: Any) -> str:
     """The unit of a dataset, if an attribute states it; an attribute may refer to one long text many times."""
     few = [
-        key for key in ATTRIBUTES if key in item.attrs and math.prod(item.attrs.get_id(key).shape or ()) <= MOST_UNITS
+        key
+        for key in ATTRIBUTES
+        if key in item.attrs and 0 < math.prod(item.attrs.get_id(key).shape or ()) <= MOST_UNITS
     ]
     value = np.ravel(item.attrs[few[-1]])[0] if few else ""
     return value.decode(errors="replace") if isinstance(value, bytes) else str(value)
@@ -122,8 +123,7 @@ def read_matlab(path: Path) -> Arrays:
     variables = read_mat_5(path)
     units: dict[str, str] = {}
     arrays = dict(_matlab_arrays("", variables, units))
-    several = {name: array for name, array in arrays.items() if array.size > 1}
-    return Arrays("MATLAB", several, units, period_in_scalars(arrays))
+    return Arrays("MATLAB", {k: of for k, of in arrays.items() if of.size > 1}, units, period_in_scalars(arrays))
 
 
 def _matlab_arrays(path: str, value: Any, units: dict[str, str]) -> Iterator[tuple[str, np.ndarray]]:
@@ -169,12 +169,18 @@ def read_tdms(path: Path) -> Arrays:
         for group in groups
         for channel in group.channels()
     }
-    known = {name: channel.properties for name, channel in channels.items()}
     return Arrays(
         "TDMS",
         {name: _exact(channel[:]) for name, channel in channels.items()},
-        {name: next((str(of[key]) for key in PROPERTIES if of.get(key)), "") for name, of in known.items()},
-        {name: float(of.get("wf_increment", 0.0)) or None for name, of in known.items()},
+        {
+            name: next((str(channel.properties[key]) for key in PROPERTIES if channel.properties.get(key)), "")
+            for name, channel in channels.items()
+        },
+        {
+            name: step
+            for name, channel in channels.items()
+            if isinstance(step := channel.properties.get("wf_increment"), float) and step
+        },
         nested=len(groups) > 1,
     )
 
