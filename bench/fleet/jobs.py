@@ -44,12 +44,11 @@ class Identifying(Job):
         model = self.of(Recording.open(recording, **self.opening))
         model.save(target)
         s, fit = model.structure, model.report["fit"]
-        figures = {
-            name: fit[name]
-            for name in ("rms_percent", "max_percent", "line_percent", "rms", "max", "samples", "skipped")
-        }
         return {
-            **figures,
+            **{
+                name: fit[name]
+                for name in ("rms_percent", "max_percent", "line_percent", "rms", "max", "samples", "skipped")
+            },
             "forced": model.warning,
             "output_unit": s.output_unit,
             "sample_time_s": s.sample_time,

@@ -55,8 +55,7 @@ def table_of(path: Path | str, contents: Arrays) -> Table:
         shape, in_rows = batch
         arrays = {name: _joined(np.squeeze(array), shape, in_rows) for name, array in read(arrays).items()}
         form = f"{form}, a batch of {shape[not in_rows]} recordings of {shape[in_rows]} samples"
-    columns: list[Column] = []
-    sources: list[tuple[str, str]] = []
+    columns: dict[tuple[str, str], Column] = {}
     for name, array in arrays.items():
         period = contents.periods.get(name) if isinstance(contents.periods, Mapping) else contents.periods
         if period is not None:
@@ -65,8 +64,8 @@ def table_of(path: Path | str, contents: Arrays) -> Table:
             array = np.broadcast_to(np.empty((), array.dtype), array.shape)
         for label, values in islice(_columns(name, array), MOST_COLUMNS + 1):
             about = {"kind": KINDS[values.dtype.kind], "rows": len(values), "sample_time": period}
-            columns.append(Column.named(label, contents.units.get(name, ""), nested=contents.nested, **about))
-            sources.append((name, label))
+            columns[name, label] = Column.named(label, contents.units.get(name, ""), nested=contents.nested, **about)
+    sources = [*columns]
     unread = [
         f"{printable(name or 'array')!r} ({' x '.join(map(str, array.shape)) or 'one value'}, {array.dtype.name})"
         for name, array in arrays.items()
@@ -84,7 +83,7 @@ def table_of(path: Path | str, contents: Arrays) -> Table:
         values = {(name, label): values for name in chosen for label, values in _columns(name, chosen[name])}
         yield [values[sources[k]] for k in at]
 
-    return Table(path, form, tuple(columns), batches)
+    return Table(path, form, tuple(columns.values()), batches)
 
 
 def _batch_of(arrays: Mapping[str, Any]) -> tuple[tuple[int, ...], bool] | None:

@@ -164,8 +164,7 @@ def replace_bad_samples(rows: Rows) -> None:
 
 def _steps(rows: Rows, values: Vector) -> Vector:
     """Sizes of the steps between samples, 0 between parts."""
-    steps = np.diff(values)
-    np.abs(steps, out=steps)
+    steps = np.abs(np.diff(values))
     steps[np.array(rows.starts[1:], dtype=int) - 1] = 0.0
     return steps
 

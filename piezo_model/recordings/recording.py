@@ -195,12 +195,12 @@ class Recording(Source):
         for role, label, values in zip(("input", "output"), rows.labels, rows.signals, strict=True):
             low, high = (values.min(), values.max()) if values.size else (0.0, 0.0)
             if high - low < 2.0 * SMALLEST:
-                name, equal = (
-                    " ".join(dict.fromkeys((role, label))),
-                    f"is constant, all {values.size} values are {low:g}",
+                fault = (
+                    f"is constant, all {values.size} values are {low:g}"
+                    if low == high
+                    else f"has a range of {high - low:g}, which is too small"
                 )
-                small = f"has a range of {high - low:g}, which is too small"
-                raise RecordingError(f"{rows.path}: {name} {equal if low == high else small}")
+                raise RecordingError(f"{rows.path}: {' '.join(dict.fromkeys((role, label)))} {fault}")
         x, y = rows.signals
         for array in (x, y, rows.uncounted):
             array.flags.writeable = False
@@ -373,8 +373,8 @@ class Recording(Source):
         )
         input = self._describe_signal("input", self.input_unit, self.x_range)
         output = self._describe_signal("output", self.output_unit, self.y_range)
-        remarks = (f"Note: {remark}." for remark in self.remarks)
-        return "\n".join((first, f"{input}, {output}{self._describe_guesses()}", *remarks))
+        second = f"{input}, {output}{self._describe_guesses()}"
+        return "\n".join((first, second, *(f"Note: {remark}." for remark in self.remarks)))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -82,8 +82,7 @@ class Rows:
 
     def named(self, at: Index, most: int = 3) -> str:
         """Names of the first of some rows, for a sentence."""
-        names = [self.where(int(row)) for row in at[:most]]
-        return ", ".join(names) + (f" and {at.size - most} more" if at.size > most else "")
+        return ", ".join(self.where(int(row)) for row in at[:most]) + f" and {at.size - most} more" * (at.size > most)
 
 
 def sort_by_time(rows: Rows) -> None:
