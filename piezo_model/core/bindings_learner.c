@@ -113,9 +113,8 @@ static void begin_next(const Loop *loop)
 {
     const Learner *const l = &loop->learner;
     const Workspace w = workspace_of(l);
-    const Block block = block_in(&l->mailbox, 0); /* the only one of Python's ring */
-    memcpy(w.play, block.play, sizeof(double) * (size_t)lanes(l->shape));
-    memcpy(w.creep, block.creep, sizeof(double) * (size_t)creep_lanes(l->shape));
+    const Block block = block_in(&l->mailbox, 0);                              /* the only one of Python's ring */
+    memcpy(w.play, block.play, sizeof(double) * (size_t)state_nums(l->shape)); /* play, then creep */
     for (int i = 0; i < block.head->count; ++i) {
         advance(l->regressors.operators, l->shape, block.x[i], w.play, w.creep);
     }

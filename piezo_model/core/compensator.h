@@ -143,4 +143,19 @@ CORE_API Compensator compensator_setup(void *memory, Shape shape);
 CORE_API void compensator_set_weights(const Compensator *c, const real *weights);
 #endif
 
+/* The unknowns v of all weights of a model. */
+CORE_INLINE void unknowns_of(Shape s, int middle, const real *weights, real *v)
+{
+    real *const slopes = v + s.n;
+    for (int j = 0; j < unknowns(s); ++j) {
+        v[j] = weights[j + 1] / weights[0];
+    }
+    for (int i = middle + 1; i < s.zones; ++i) {
+        slopes[i] += slopes[i - 1];
+    }
+    for (int i = middle - 1; i >= 0; --i) {
+        slopes[i] += slopes[i + 1];
+    }
+}
+
 #endif

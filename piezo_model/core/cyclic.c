@@ -241,7 +241,6 @@ static int hand_over(const Learner *l, int64_t now)
     const Cyclic *const c = &l->cyclic;
     LearnerClock *const clock = l->clock;
     const real span_share = (c->covered[X_HIGH] - c->covered[X_LOW]) / 2;
-    real sum = 0, before, after;
     if (SOLVER(l->settings) == STEPS) {
         ProjectedGradient descent = c->descent;
         descent_answer(&descent);
@@ -249,13 +248,12 @@ static int hand_over(const Learner *l, int64_t now)
     for (int j = 0; j < l->d; ++j) {
         const real z = c->answer[j] < c->lower[j] ? c->lower[j] : c->answer[j];
         c->learned[j] = z * c->scale[j];
-        sum += c->learned[j] - c->learned[j];
     }
-    if (!(sum == 0)) {
+    if (!are_finite(c->learned, l->d)) {
         return learner_refuse(l, NOT_A_NUMBER);
     }
-    before = greatest(0, cost(l->d, c->data, l->in_use));
-    after = greatest(0, cost(l->d, c->data, c->learned));
+    const real before = greatest(0, cost(l->d, c->data, l->in_use));
+    const real after = greatest(0, cost(l->d, c->data, c->learned));
     clock->error_in_use = ROOT(2 * before);
     clock->error_found = ROOT(2 * after);
     if (!(after <= before)) {

@@ -266,19 +266,4 @@ CORE_API int64_t cyclic_bytes(Shape shape);
 CORE_API Cyclic cyclic_at(Arena *arena, Shape shape);
 #endif
 
-/* The unknowns v of all weights of a model. */
-CORE_INLINE void unknowns_of(Shape s, int middle, const real *weights, real *v)
-{
-    real *const slopes = v + s.n;
-    for (int j = 0; j < unknowns(s); ++j) {
-        v[j] = weights[j + 1] / weights[0];
-    }
-    for (int i = middle + 1; i < s.zones; ++i) {
-        slopes[i] += slopes[i - 1];
-    }
-    for (int i = middle - 1; i >= 0; --i) {
-        slopes[i] += slopes[i + 1];
-    }
-}
-
 #endif

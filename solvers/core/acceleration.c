@@ -17,19 +17,15 @@ int64_t accelerated_steps(ProjectedGradient *s, int64_t steps, real tolerance)
 {
     const int d = s->d, ld = s->ld;
     real t = 1;
-    vec8 most = zeros();
     int64_t k = 0;
     int done = 0;
     memcpy(s->momentum, s->w, (size_t)ld * sizeof(real));
     affine(s->columns, ld, d, s->w, s->shift, s->next);
-    for (int j = 0; j < ld; j += LANES) {
-        most = maximum(maximum(magnitude(load(s->shift + j)), magnitude(load(s->next + j))), most);
-    }
-    const real unit = 1 / power_below(largest8(most));
+    const real of_shift = largest_entry(s->shift, ld), of_next = largest_entry(s->next, ld);
+    const real unit = 1 / power_below(of_shift > of_next ? of_shift : of_next);
     const real gradient = length_squared(s->next, unit, ld), linear = length_squared(s->shift, unit, ld);
-    const real threshold = tolerance * tolerance * (gradient > linear ? gradient : linear);
     s->head->unit = unit;
-    s->head->threshold = threshold;
+    s->head->threshold = tolerance * tolerance * (gradient > linear ? gradient : linear);
     while (k < steps && !done) {
         vec8 agreement = zeros(), square = zeros();
         affine(s->columns, ld, d, s->momentum, s->carry, s->next);
@@ -54,7 +50,7 @@ int64_t accelerated_steps(ProjectedGradient *s, int64_t steps, real tolerance)
             store(s->momentum + j, y);
             store(s->carry + j, add(y, load(s->shift + j)));
         }
-        done = sum8(square) <= threshold;
+        done = sum8(square) <= (real)s->head->threshold;
         ++k;
     }
     s->head->steps = k;

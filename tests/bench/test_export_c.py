@@ -242,6 +242,12 @@ int main(void)
     piezo_reset(&b);
     while (scanf("%lf", &y) == 1) {
         if (k == 300) {
+            wrong.w_s[0] = -100;
+            printf("%d ", piezo_set_model(&a, &wrong, 0.5));
+            wrong = other;
+            wrong.w_h[PIEZO_THRESHOLDS - 1] = -1e-9;
+            printf("%d ", piezo_set_model(&a, &wrong, 0.5));
+            wrong = other;
             wrong.w_h[0] = 0;
             printf("%d ", piezo_set_model(&a, &wrong, 0.5));
             wrong.offset = NAN;
@@ -257,6 +263,8 @@ int main(void)
             piezo_reset(&b);
             piezo_set_model(&b, &other, FADE);
             piezo_set_state(&b, &state);
+            state.blend = 1.5;
+            printf("%d ", piezo_set_state(&b, &state));
             state.play[0] = INFINITY;
             printf("%d\n", piezo_set_state(&b, &state));
         }
@@ -274,8 +282,7 @@ def test_models_states_and_limits_can_be_set_and_two_axes_are_independent(
     dynamics: Dynamics | None, tmp_path: Path
 ) -> None:
     model, other = (replace(a_model(seed=seed), dynamics=dynamics) for seed in (0, 5))
-    y_ref = references(1000)
-    y_ref = np.where(np.isfinite(y_ref), y_ref, 1.0)
+    y_ref = np.nan_to_num(references(1000), nan=1.0, posinf=1.0, neginf=1.0)
     write_sources(tmp_path, model, ExportSettings())
     blend_time_s = 0.003
     weights = ", ".join(initialiser(w) for w in (other.w_H, other.w_S_inverse, other.w_K)) + ", 0.0"
@@ -290,8 +297,8 @@ def test_models_states_and_limits_can_be_set_and_two_axes_are_independent(
         [tmp_path / "program"], input="\n".join(map(repr, y_ref.tolist())), capture_output=True, text=True, check=True
     )
     lines = done.stdout.splitlines()
-    assert lines.pop(300).split() == ["2", "1", "3", "3", "3", "0"]
-    assert lines.pop(600) == "1"
+    assert lines.pop(300).split() == ["2", "2", "2", "1", "3", "3", "3", "0"]
+    assert lines.pop(600) == "3 1"
     first, second = np.array([line.split() for line in lines], dtype=float).T
 
     a, b = Compensator(model, (0.0, 150.0)), Compensator(model, (0.0, 150.0))

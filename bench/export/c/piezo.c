@@ -134,41 +134,24 @@ void piezo_reset(piezo_axis *axis)
     piezo_settle(axis, (piezo_real)PIEZO_X_START);
 }
 
-static int all_finite(const piezo_real *numbers, size_t count)
-{
-    piezo_real sum = 0;
-    for (size_t i = 0; i < count; ++i) {
-        sum += numbers[i] - numbers[i]; /* 0, or NaN */
-    }
-    return sum == 0;
-}
-
-/* Copy the weights in the order of the core, and check that the model has an inverse. */
+/* Copy the weights in the order of the core, and check that the model has an inverse: slopes are above 0, and weights
+ * but the constant not below it. */
 static piezo_status check(const piezo_weights *new_weights, real *weights)
 {
-    real slope = 0;
+    const int first = PIEZO_THRESHOLDS - 1, end = first + PIEZO_ZONES; /* of the slopes */
     int invertible = new_weights->w_h[0] > 0;
+    real v[PIEZO_ALL_WEIGHTS];
     memcpy(weights, new_weights->w_h, sizeof new_weights->w_h);
     memcpy(weights + PIEZO_THRESHOLDS, new_weights->w_s, sizeof new_weights->w_s);
 #if PIEZO_RATES > 0
     memcpy(weights + PIEZO_THRESHOLDS + PIEZO_ZONES, new_weights->w_k, sizeof new_weights->w_k);
 #endif
     weights[PIEZO_ALL_WEIGHTS - 1] = new_weights->offset;
-    for (int i = 0; i < PIEZO_ALL_WEIGHTS; ++i) {
-        const int may_be_negative =
-            (i >= PIEZO_THRESHOLDS && i < PIEZO_THRESHOLDS + PIEZO_ZONES) || i == PIEZO_ALL_WEIGHTS - 1;
-        invertible = invertible && (may_be_negative || weights[i] >= 0);
+    unknowns_of(exported_shape, PIEZO_MIDDLE, weights, v);
+    for (int j = 0; j < PIEZO_ALL_WEIGHTS - 2; ++j) {
+        invertible = invertible && (j >= first && j < end ? v[j] > 0 : v[j] >= 0);
     }
-    for (int i = PIEZO_MIDDLE; i < PIEZO_ZONES; ++i) {
-        slope += new_weights->w_s[i];
-        invertible = invertible && slope > 0;
-    }
-    slope = new_weights->w_s[PIEZO_MIDDLE];
-    for (int i = PIEZO_MIDDLE - 1; i >= 0; --i) {
-        slope += new_weights->w_s[i];
-        invertible = invertible && slope > 0;
-    }
-    return !all_finite(weights, PIEZO_ALL_WEIGHTS) ? PIEZO_NOT_FINITE : invertible ? PIEZO_OK : PIEZO_NO_INVERSE;
+    return !are_finite(weights, PIEZO_ALL_WEIGHTS) ? PIEZO_NOT_FINITE : invertible ? PIEZO_OK : PIEZO_NO_INVERSE;
 }
 
 piezo_status piezo_set_model(piezo_axis *axis, const piezo_weights *new_weights, piezo_real blend)
@@ -246,8 +229,11 @@ void piezo_get_state(const piezo_axis *axis, piezo_state *state)
 piezo_status piezo_set_state(piezo_axis *axis, const piezo_state *state)
 {
     const Compensator c = of(axis);
-    if (!all_finite((const piezo_real *)(const void *)state, sizeof *state / sizeof(piezo_real))) {
+    if (!are_finite((const real *)(const void *)state, (int64_t)(sizeof *state / sizeof(real)))) {
         return PIEZO_NOT_FINITE;
+    }
+    if (!(state->blend >= 0 && state->blend < 1)) {
+        return PIEZO_BAD_LIMITS;
     }
     memcpy(c.play, state->play, sizeof state->play);
 #if PIEZO_RATES > 0

@@ -104,13 +104,10 @@ static int solve_cycle(const Learner *l)
 #elif PIEZO_LEARNING == PIEZO_ACCELERATED
 static int solve_cycle(const Learner *l)
 {
-    const Cyclic *const c = &l->cyclic;
-    ProjectedGradient descent = c->descent;
-    if (descent_setup(descent.head, l->d, c->lower, c->upper) != OK
-        || descent_set_data(&descent, c->P, c->q, 0.5, 1) != OK) {
+    ProjectedGradient descent = l->cyclic.descent;
+    if (!begin_steps(l)) {
         return 0;
     }
-    descent_start(&descent, c->start);
     accelerated_steps(&descent, PIEZO_STEPS_OF_A_SOLVE, PIEZO_SOLVE_TOLERANCE);
     descent_answer(&descent);
     return descent.head->met;
