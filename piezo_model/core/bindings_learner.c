@@ -66,7 +66,7 @@ static int64_t quiet(const Loop *loop, int adapts)
     const MailboxHead *const m = l->mailbox.head;
     int64_t end = l->clock->next_interval;
     if (l->settings->mode == CYCLIC) {
-        end = m->samples + l->clock->phase_left + (l->clock->phase == RESET ? l->settings->build_lasts : 0)
+        end = m->samples - m->filled + l->clock->phase_left + (l->clock->phase == RESET ? l->settings->build_lasts : 0)
               + (l->clock->phase == LEARN       ? 0
                  : l->settings->solver == STEPS ? l->settings->learn_lasts
                                                 : l->settings->solve_lasts);
