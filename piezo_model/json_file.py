@@ -201,9 +201,9 @@ def check_version(data: Any, schema: type[Versioned]) -> None:
 
 def _unknown(data: Any, known: Any) -> str:
     """Path of the first field of the data that the schema does not have."""
-    if isinstance(known, dict) and not isinstance(data, msgspec.Struct):
-        for name, value in data.items():  # which an array lacks
-            if name not in known:
+    if isinstance(known, dict | list) and not isinstance(data, msgspec.Struct):
+        for name, value in enumerate(data) if isinstance(known, list) else data.items():  # which an array lacks
+            if isinstance(known, dict) and name not in known:
                 return str(name)
             if below := _unknown(value, known[name]):
                 return f"{name}.{below}"

@@ -314,5 +314,6 @@ def test_a_gain_is_refused_beside_the_lag_that_the_loop_has_whatever_became_of_i
     with pytest.raises(ModelError, match=r"integral_gain must be below .* with a delay of 3"):
         Compensator(model, integral_gain=1.1 * most, dynamics=False)
     fits = Compensator(model, integral_gain=0.5 * most, dynamics=False)
-    with pytest.raises(ModelError, match="integral_gain must be below"):
-        fits.change_model(replace(model, dynamics=None, left_out=Dynamics((), (), (), 30.0 * T), sensor_delay_s=0.0))
+    for unstable in (Dynamics((), (), (), 30.0 * T), Dynamics((1e-10 / T,), (0.02,), (1.0,), 0.0)):
+        with pytest.raises(ModelError, match="integral_gain must be below"):
+            fits.change_model(replace(model, dynamics=None, left_out=unstable, sensor_delay_s=0.0))
