@@ -27,16 +27,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import reduce
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from piezo_model import checks
-from piezo_model.core import bindings
+from piezo_model.core import Immutable, bindings
 from piezo_model.json_file import LARGEST, Number
 from piezo_model.units import quantity
 from solvers.arrays import Matrix, Vector
@@ -44,6 +43,8 @@ from solvers.arrays import Matrix, Vector
 REFERENCE_DAMPING = 0.7
 LOWEST, HIGHEST = 1e-4, 0.35
 """Lowest and highest frequency of a mode, relative to the sampling rate; slower modes are lost in rounding."""
+SLOWEST = 1e-6
+"""Frequency of a mode that a model leaves out, of which the same holds in a loop around the stage."""
 LONGEST = 10_000
 """Longest delay and lag in samples."""
 MOST_MODES = 2
@@ -52,7 +53,7 @@ MARGIN = 4000
 
 
 @dataclass(frozen=True)
-class Dynamics:
+class Dynamics(Immutable):
     """Modes, delay and lag of a stage.
 
     Parameters
@@ -197,7 +198,10 @@ class Dynamics:
 
     def largest_gain(self, sample_time: float, inverted: Dynamics | None) -> float:
         """Stability limit of the gain of integral action, per second, in a loop around the stage and the F of the
-        inverted dynamics, if any: the gain at which the open loop has magnitude 1 at a phase of −180°."""
+        inverted dynamics, if any: the gain at which the open loop has magnitude 1 at a phase of −180°; 2 ζ ω of a mode
+        whose poles are lost in rounding."""
+        if min(self.frequencies_Hz, default=math.inf) * sample_time < SLOWEST:
+            return 4.0 * math.pi * self.frequencies_Hz[0] * self.damping[0]
         near, half = np.sinh(np.linspace(-7.0, 7.0, 4001)), 0.5 / sample_time
         around = [f * (1.0 + zeta * near) for f, zeta in zip(self.frequencies_Hz, self.damping, strict=True)]
         f = np.concatenate([np.geomspace(1e-7, 0.5, 20_000) / sample_time, *around])
@@ -240,10 +244,6 @@ class Dynamics:
         f = np.fft.rfftfreq(mirrored.size, sample_time).astype(np.float64)
         spectrum = np.fft.rfft(mirrored) * response(f, self.response(f, sample_time))
         return np.asarray(np.fft.irfft(spectrum, mirrored.size)[margin : margin + y.size])
-
-    def to_dict(self) -> dict[str, Any]:
-        """Fields as JSON types."""
-        return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
 
     def __str__(self) -> str:
         modes = " and ".join(

@@ -13,10 +13,10 @@ the piecewise linear S⁻¹ (``slope_map``), so that the admissible set is a box
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
@@ -119,8 +119,10 @@ class ModelStructure(Immutable):
                 input_unit=self.input_unit,
                 output_unit=self.output_unit,
             )
-            if len(set(self.creep_rates)) != len(self.creep_rates):
-                raise ValueError(f"creep_rates must differ from each other, not {self.creep_rates}")
+            checks.check(
+                len(set(self.creep_rates)) == len(self.creep_rates),
+                f"creep_rates must differ from each other, not {self.creep_rates}",
+            )
 
     def samples(self, seconds: float) -> int:
         """Number of samples in a duration in s, at least one."""
@@ -319,10 +321,6 @@ class ModelStructure(Immutable):
     def unit_output(self, y: Vector) -> Vector:
         """Output in normalised units."""
         return (y - self.y_centre) / self.y_scale
-
-    def to_dict(self) -> dict[str, Any]:
-        """Fields as JSON types."""
-        return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
 
 
 def _centre_and_scale(span: tuple[float, float]) -> tuple[float, float]:

@@ -8,7 +8,7 @@ import functools
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import fields
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, Self, TypeVar, cast
 
@@ -106,6 +106,11 @@ class Stateful:
 
 class Immutable:
     """Base of frozen dataclasses whose arrays are read-only: a copy is made of the fields, like the original."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Fields as JSON types."""
+        values = asdict(self).items()  # type: ignore[call-overload]
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in values}
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), tuple(getattr(self, field.name) for field in fields(self))  # type: ignore[arg-type]
