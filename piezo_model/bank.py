@@ -235,8 +235,7 @@ class CompensatorBank(Stateful):
     def set_model(self, actuator: ArrayLike, model: HysteresisCreepModel) -> None:
         """Set the model of actuators, of the bank's structure; they learn from there, and their drives jump."""
         checks.instance(HysteresisCreepModel, model=model)
-        if model.structure != self.structure:
-            raise ValueError("the model has another structure than the bank")
+        checks.check(model.structure == self.structure, "the model has another structure than the bank")
         which, prefilter = self._numbered(actuator), self._prefilter(model)
         self._known[which], slots = model.known_dynamics, self._slots[which]
         numbers: dict[str, ArrayLike] = {
@@ -364,15 +363,13 @@ class CompensatorBank(Stateful):
         """Continue, to the last bit, from the :meth:`get_state` of a bank of the same settings and number of tiles."""
         saved, most = convert(state, BankState), self._tiles * LANES
         slots, dynamics = saved["slots"], saved["dynamics"]
-        if not (
+        checks.check(
             slots.dtype == np.int64
             and slots.ndim == 1
             and np.all((slots >= 0) & (slots < most))
-            and np.unique(slots).size == slots.size == len(dynamics)
-        ):
-            raise ValueError(
-                f"slots must be different whole numbers from 0 to {most - 1}, one for each of the dynamics"
-            )
+            and np.unique(slots).size == slots.size == len(dynamics),
+            f"slots must be different whole numbers from 0 to {most - 1}, one for each of the dynamics",
+        )
         prefilters = {known: self._prefilter(replace(self._line, **vars(known))) for known in dict.fromkeys(dynamics)}
         self._core.restore(saved["core"], bindings.bank_restore)
         self._place(slots.copy())

@@ -130,8 +130,9 @@ class Compensator(Stateful):
         checks.require(lambda pair: pair[0] < pair[1], "two numbers in ascending order", x_limits=x_limits)
         self._x_limits = float(x_limits[0]), float(x_limits[1])
         self._rate_limit, self._integral_gain = rate_limit, integral_gain
-        if state is not None and x_start is not None:
-            raise ValueError("give either state or x_start: the states say where the drive starts")
+        checks.check(
+            state is None or x_start is None, "give either state or x_start: the states say where the drive starts"
+        )
         state = OperatorState.before_drive(s, self._x_limits, x_start) if state is None else state
         self._use(model, state, drive_memory(s, *self._x_limits)[BUMP:], 0.0)
 
@@ -162,10 +163,10 @@ class Compensator(Stateful):
         bindings.compensator_balance(core.block)
         if filtered is not None:
             values = core["prefilter"]
-            if filtered.shape != values.shape or not np.all(np.abs(filtered) <= LARGEST):
-                raise ValueError(
-                    f"the state of the dynamics must be {values.size} numbers of at most {LARGEST:g} in size"
-                )
+            checks.check(
+                filtered.shape == values.shape and np.all(np.abs(filtered) <= LARGEST),
+                f"the state of the dynamics must be {values.size} numbers of at most {LARGEST:g} in size",
+            )
             values[:] = prefilter.with_states(filtered)
         self._model, self.prefilter, self._core = model, prefilter, core
 
@@ -234,8 +235,10 @@ class Compensator(Stateful):
         checks.instance(HysteresisCreepModel, model=model)
         old, new = self._model.structure, model.structure
         for name in ("play_thresholds", "creep_rates", "sample_time"):
-            if getattr(old, name) != getattr(new, name):
-                raise ValueError(f"the new model has other {name}, so the states of the actuator do not fit it")
+            checks.check(
+                getattr(old, name) == getattr(new, name),
+                f"the new model has other {name}, so the states of the actuator do not fit it",
+            )
         before, state = bindings.compensator_now(self._core.block), self.state
         drive = self.drive[BUMP:].copy()
         if (old.x_centre, old.x_scale) != (new.x_centre, new.x_scale):
@@ -263,8 +266,10 @@ class Compensator(Stateful):
         saved = json_file.convert(state, CompensatorState)
         model, drive = HysteresisCreepModel.from_file(saved["model"]), reals("drive", saved["drive"])
         # the last reference is NaN before the first one
-        if drive.shape != (6,) or not np.all(np.isfinite(drive[[0, 1, 2, 4, 5]])):
-            raise ValueError("the state of the drive must be six finite numbers, but for the last reference")
+        checks.check(
+            drive.shape == (6,) and np.all(np.isfinite(drive[[0, 1, 2, 4, 5]])),
+            "the state of the drive must be six finite numbers, but for the last reference",
+        )
         checks.require(lambda decay: 0.0 <= decay <= 1.0, "from 0 to 1", decay=saved["decay"])
         operators = OperatorState(saved["play"], saved["creep"])
         self._use(model, operators, drive, saved["decay"], reals("prefilter", saved.get("prefilter", [])))

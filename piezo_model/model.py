@@ -133,8 +133,11 @@ class HysteresisCreepModel(Immutable):
         checks.instance(Mapping, report=self.report)
         for name, size in (("w_H", s.n + 1), ("w_S_inverse", s.dead_zones), ("w_K", s.creep_weights)):
             values = read_only(reals(name, getattr(self, name)))
-            if values.shape != (size,):
-                raise ModelError(f"{name} must have {size} values for this structure, not shape {values.shape}")
+            checks.check(
+                values.shape == (size,),
+                f"{name} must have {size} values for this structure, not shape {values.shape}",
+                ModelError,
+            )
             object.__setattr__(self, name, values)
         with checks.refusing(ModelError):
             checks.finite_arrays(w_H=self.w_H, w_S_inverse=self.w_S_inverse, w_K=self.w_K)
@@ -146,16 +149,26 @@ class HysteresisCreepModel(Immutable):
         with checks.refusing(ModelError, "fitted: "):
             for state in self.starts[1:]:
                 state.check_fits(s)
-        either = {"dynamics": self.dynamics, "left_out": self.left_out}
-        checks.require(lambda d: d is None or isinstance(d, Dynamics), "a Dynamics or None", **either)
+        checks.require(
+            lambda d: d is None or isinstance(d, Dynamics),
+            "a Dynamics or None",
+            dynamics=self.dynamics,
+            left_out=self.left_out,
+        )
         checks.require(lambda t: 0.0 <= t <= LARGEST, f"from 0 to {LARGEST:g} s", sensor_delay_s=self.sensor_delay_s)
         if self.dynamics is not None:
             with checks.refusing(ModelError):
                 self.dynamics.check_sample_time(s.sample_time)
-        if self.offset and not s.offset:
-            raise ModelError(f"the structure has no offset, and the model has one of {self.offset:g}")
-        if self.w_H[0] < SMALLEST:
-            raise ModelError(f"w_H[0] must be positive for the model to have an inverse, not {self.w_H[0]:g}")
+        checks.check(
+            not self.offset or s.offset,
+            f"the structure has no offset, and the model has one of {self.offset:g}",
+            ModelError,
+        )
+        checks.check(
+            self.w_H[0] >= SMALLEST,
+            f"w_H[0] must be positive for the model to have an inverse, not {self.w_H[0]:g}",
+            ModelError,
+        )
         for name in ("w_H", "w_K"):
             values = getattr(self, name)
             if np.any(values < 0.0):
@@ -172,8 +185,11 @@ class HysteresisCreepModel(Immutable):
     def from_weights(cls, structure: ModelStructure, w: ArrayLike) -> HysteresisCreepModel:
         """Make the model of identified unknowns w (d,) in weight coordinates and normalised units, with w_H0 = 1."""
         w = reals("w", w)
-        if w.shape != (structure.d,):
-            raise ModelError(f"w must have {structure.d} values for this structure, not shape {w.shape}")
+        checks.check(
+            w.shape == (structure.d,),
+            f"w must have {structure.d} values for this structure, not shape {w.shape}",
+            ModelError,
+        )
         return cls.from_all_weights(structure, simulation.all_weights(structure, w))
 
     @classmethod
@@ -263,8 +279,11 @@ class HysteresisCreepModel(Immutable):
         >>> y.tolist(), model.advance([0.0], state)[0].tolist()
         ([0.0, 0.75], [0.25])
         """
-        if self.dynamics is not None:
-            raise ModelError(f"advance needs a model without dynamics, and this one has {self.dynamics}; use static")
+        checks.check(
+            self.dynamics is None,
+            f"advance needs a model without dynamics, and this one has {self.dynamics}; use static",
+            ModelError,
+        )
         OperatorState.check_fits(state, self.structure)
         (x,) = checks.vectors(x=x)
         return simulation.advance(self.structure, self.arrays, x, state)
@@ -305,11 +324,12 @@ class HysteresisCreepModel(Immutable):
         if dynamics is None:
             return math.inf
         most = dynamics.largest_gain(self.structure.sample_time, inverted)
-        if integral_gain >= most:
-            raise ModelError(
-                f"integral_gain must be below {most:.4g} per second, not {integral_gain:g}: with {dynamics}"
-                f"{', not inverted' * (inverted is None)}, the loop would be unstable"
-            )
+        checks.check(
+            integral_gain < most,
+            f"integral_gain must be below {most:.4g} per second, not {integral_gain:g}: with {dynamics}"
+            f"{', not inverted' * (inverted is None)}, the loop would be unstable",
+            ModelError,
+        )
         return most
 
     @property
@@ -367,8 +387,11 @@ class HysteresisCreepModel(Immutable):
         """States before a signal: those before the recording of the identification, or those of a compensator's stage
         at rest; by default the former, if the model has them."""
         checks.one_of(get_args(StartChoice), start="rest" if start is None else start)
-        if start == "recording" and self.start is None:
-            raise ModelError("the model has no states from before a recording; begin at rest")
+        checks.check(
+            start != "recording" or self.start is not None,
+            "the model has no states from before a recording; begin at rest",
+            ModelError,
+        )
         if start == "rest" or self.start is None:
             return OperatorState.before_drive(self.structure)
         return self.start.copy()

@@ -101,11 +101,11 @@ class OperatorState(Stateful):
         """Raise ValueError if the states do not have the size of a structure, or are not finite."""
         checks.instance(OperatorState, state=self)
         needed = structure.lanes, len(structure.creep_rates) * structure.lanes
-        if (self.play.shape, self.creep.shape) != ((needed[0],), (needed[1],)):
-            raise ValueError(
-                f"the operator states are those of another structure: {self.play.size} of play and "
-                f"{self.creep.size} of creep where {needed[0]} and {needed[1]} are needed"
-            )
+        checks.check(
+            (self.play.shape, self.creep.shape) == ((needed[0],), (needed[1],)),
+            f"the operator states are those of another structure: {self.play.size} of play and "
+            f"{self.creep.size} of creep where {needed[0]} and {needed[1]} are needed",
+        )
         checks.finite_arrays(play=self.play, creep=self.creep)
 
     def to_dict(self, structure: ModelStructure) -> States:
@@ -120,8 +120,10 @@ class OperatorState(Stateful):
         """Make the states of :meth:`to_dict`; ValueError if they do not have the size of the structure."""
         play, creep = states["play"], states["creep"]
         rates, size = len(structure.creep_rates), structure.n + 1
-        if np.shape(play) != (size,) or len(creep) != rates or any(np.shape(z) != (size,) for z in creep):
-            raise ValueError(f"the operator states are not {size} numbers of play and {rates} times {size} of creep")
+        checks.check(
+            np.shape(play) == (size,) and len(creep) == rates and all(np.shape(z) == (size,) for z in creep),
+            f"the operator states are not {size} numbers of play and {rates} times {size} of creep",
+        )
         play = np.asarray(play, dtype=np.float64)
         padded_creep = np.full((rates, structure.lanes), play[0])
         padded_creep[:, :size] = np.array(creep, dtype=np.float64).reshape(rates, size)
@@ -172,8 +174,11 @@ def drive_start(low: ArrayLike, high: ArrayLike, x_start: ArrayLike | None = Non
     """
     low, high = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
     x = np.clip(0.0, low, high) if x_start is None else reals("x_start", x_start)
-    if x.shape not in ((), low.shape):
-        raise StructureError(f"x_start must be one number or one for each actuator, not of shape {x.shape}")
+    checks.check(
+        x.shape in ((), low.shape),
+        f"x_start must be one number or one for each actuator, not of shape {x.shape}",
+        StructureError,
+    )
     x, width = np.broadcast_to(x, low.shape), high - low
     inside = np.clip(x, low, high)
     for i in np.flatnonzero(~(np.abs(x - inside) <= np.where(np.isfinite(width), ROUNDING * width, 0.0))):

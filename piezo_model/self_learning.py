@@ -166,8 +166,7 @@ class SelfLearningCompensator(Learner):
             solver_options,
         )
         model = HysteresisCreepModel.from_weights(structure, structure.straight_line) if model is None else model
-        if model.structure != structure:
-            raise ValueError("the model has another structure than the one given")
+        checks.check(model.structure == structure, "the model has another structure than the one given")
         if estimate_offset and not structure.offset:
             model = replace(model, structure=replace(structure, offset=True))
         super().__init__(
@@ -275,10 +274,10 @@ class SelfLearningCompensator(Learner):
         """Drives (N,) for references (N,), at most `samples_until_change` of them, once the last drive is observed;
         ``observe`` must follow."""
         (y_ref,) = checks.vectors(y_ref=y_ref)
-        if self._last_x is not None or y_ref.size > self.samples_until_change():
-            raise ValueError(
-                "drive takes at most samples_until_change() references, and none before the last drive is observed"
-            )
+        checks.check(
+            self._last_x is None and y_ref.size <= self.samples_until_change(),
+            "drive takes at most samples_until_change() references, and none before the last drive is observed",
+        )
         x = np.empty_like(y_ref)
         bindings.learner_drive(self._core.block, self._compensator.block, y_ref, x)
         return x

@@ -22,7 +22,7 @@ from bench.export import building, c_source
 from bench.export.settings import ExportError, ExportSettings
 from bench.processes.child_process import Child
 from bench.timing import cores, percentiles
-from piezo_model import HysteresisCreepModel
+from piezo_model import HysteresisCreepModel, checks
 from solvers.arrays import Vector
 
 FLAGS = ("-std=c99", "-O3", "-march=native", "-ffp-contract=fast", "-pthread")
@@ -80,8 +80,11 @@ def real_time(
     one that is free; while another process holds that core, it waits and prints which. ExportError if there is no C
     compiler, or the time is shorter than a sampling period.
     """
-    if rate_Hz * seconds < 1.0:
-        raise ExportError(f"{seconds:g} s at {rate_Hz:g} Hz hold no sample; the shortest run is {1.0 / rate_Hz:g} s")
+    checks.check(
+        rate_Hz * seconds >= 1.0,
+        f"{seconds:g} s at {rate_Hz:g} Hz hold no sample; the shortest run is {1.0 / rate_Hz:g} s",
+        ExportError,
+    )
     with tempfile.TemporaryDirectory(prefix="piezobench-realtime-") as name:
         folder = Path(name)
         building.write_files(folder, c_source.export(model.at(1.0 / rate_Hz), settings))
@@ -94,10 +97,11 @@ def real_time(
             def paced(*null: str) -> tuple[Vector, Vector, dict[str, str]]:
                 words = ["./loop", repr(rate_Hz), repr(seconds), str(priority), str(claimed.number), "times", *null]
                 done = child.call(1e6, partial(subprocess.run, cwd=folder, capture_output=True, text=True), words)
-                if done.returncode != 0:
-                    raise ExportError(
-                        f"the real-time program ended with status {done.returncode}: {done.stderr.strip()}"
-                    )
+                checks.check(
+                    done.returncode == 0,
+                    f"the real-time program ended with status {done.returncode}: {done.stderr.strip()}",
+                    ExportError,
+                )
                 wake, end = np.fromfile(folder / "times", dtype=np.int64).reshape(-1, 2).T / 1e3
                 return wake, end, dict(line.split(" ", 1) for line in done.stdout.splitlines())
 

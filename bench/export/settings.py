@@ -106,8 +106,7 @@ class ExportSettings:
                 f"the name has {len(self.name)} characters, and compilers may distinguish {LONGEST_NAME} at most",
             ),
         ):
-            if wrong:
-                raise ExportError(sentence)
+            checks.check(not wrong, sentence, ExportError)
 
     @property
     def learning(self) -> bool:

@@ -69,10 +69,11 @@ def stage_of(path: Path) -> Any:
         ]
     except Exception as error:
         raise LiveError(f"{path}: cannot be run: {type(error).__name__}: {error}") from None
-    if len(stages) != 1:
-        raise LiveError(
-            f"{path}: must define one class with the methods {', '.join(METHODS)}, and defines {len(stages)}"
-        )
+    checks.check(
+        len(stages) == 1,
+        f"{path}: must define one class with the methods {', '.join(METHODS)}, and defines {len(stages)}",
+        LiveError,
+    )
     return stages[0]
 
 
@@ -88,8 +89,7 @@ class SimulatedStage:
 
     def __init__(self, kind: str, sample_time: float, noise_um: float = 0.002) -> None:
         known = (*plants.names(), *plants.STAGES)
-        if kind not in known:
-            raise LiveError(f"there is no simulated actuator {kind!r}; known are {', '.join(known)}")
+        checks.check(kind in known, f"there is no simulated actuator {kind!r}; known are {', '.join(known)}", LiveError)
         with checks.refusing(LiveError, f"simulated {kind}: "):
             self._plant = plants.Sensor(plants.stage(kind, sample_time), noise_um=noise_um)
         self.x_limits, self.y_range, self.rest = self._plant.x_range, self._plant.y_range, self._plant.x_range[0]

@@ -159,11 +159,12 @@ def sine(text: str, unit: str, y_range: tuple[float, float], sample_time: float)
             "optionally a centre"
         ) from None
     phase = frequency * sample_time
-    if not LEAST_PHASE <= phase < 0.5:
-        raise LiveError(
-            f"--sine {text}: the frequency must be at least {LEAST_PHASE / sample_time:g} Hz and below half the "
-            f"sampling rate, {0.5 / sample_time:g} Hz"
-        )
+    checks.check(
+        LEAST_PHASE <= phase < 0.5,
+        f"--sine {text}: the frequency must be at least {LEAST_PHASE / sample_time:g} Hz and below half the "
+        f"sampling rate, {0.5 / sample_time:g} Hz",
+        LiveError,
+    )
     # a number of whole periods that takes a whole number of samples
     repeats = Fraction(1.0 / phase).limit_denominator(max(1, round(MOST_SAMPLES * phase)))
     phases = np.arange(repeats.numerator) * repeats.denominator % repeats.numerator / repeats.numerator
@@ -179,11 +180,12 @@ def _value(text: str, unit: str) -> float:
 def of_file(path: Path, unit: str, y_range: tuple[float, float], sample_time: float) -> tuple[Vector, str]:
     """The reference column of a file, in the unit and of the sampling time of the stage."""
     reference = recordings.read_reference(path).suited(unit)
-    if abs(reference.sample_time / sample_time - 1.0) > 0.01:
-        raise LiveError(
-            f"{path}: is sampled every {reference.sample_time:g} s, expected every {sample_time:g} s; "
-            f"use --rate {1.0 / reference.sample_time:g}"
-        )
+    checks.check(
+        abs(reference.sample_time / sample_time - 1.0) <= 0.01,
+        f"{path}: is sampled every {reference.sample_time:g} s, expected every {sample_time:g} s; "
+        f"use --rate {1.0 / reference.sample_time:g}",
+        LiveError,
+    )
     return reference.values, reference.units.rstrip(".") or path.name
 
 

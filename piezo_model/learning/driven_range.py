@@ -10,7 +10,7 @@ from the virgin curve φ(r) = Σ w_i max(r − r_i, 0) at the new thresholds; li
 slopes of the old one between the new thresholds, and the constant the shifts.
 """
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any
 
@@ -47,12 +47,11 @@ class DrivenRange:
         if self.observed % self.per_piece and not self.spans:
             raise ValueError(f"the span of an incomplete piece of {self.observed} observations is missing")
 
-    def observe(self, span: Iterable[float], s: ModelStructure) -> ModelStructure | None:
+    def observe(self, span: Sequence[float] | Vector, s: ModelStructure) -> ModelStructure | None:
         """Add the span since the last observation; returns a structure of other ranges if they should change."""
-        x_low, x_high, y_low, y_high = map(float, span)
-        if self.observed % self.per_piece and self.spans:
-            pairs = zip((x_low, x_high, y_low, y_high), self.spans.pop(), (min, max, min, max), strict=True)
-            x_low, x_high, y_low, y_high = (wider(now, before) for now, before, wider in pairs)
+        before = self.spans.pop() if self.observed % self.per_piece else span
+        ends = zip(span, before, (min, max, min, max), strict=True)
+        x_low, x_high, y_low, y_high = (float(wider(now, then)) for now, then, wider in ends)
         self.spans = [*self.spans, (x_low, x_high, y_low, y_high)][-LONGEST:]
         self.observed += 1
         spans, whole = np.array(self.spans), self.observed % self.per_piece == 0

@@ -45,7 +45,10 @@ def write_learner(path: str | Path, settings: Mapping[str, Any], state: Mapping[
 def read_learner(path: str | Path) -> tuple[dict[str, Any], dict[str, Any]]:
     """Settings and state; ModelError names what is wrong with the file."""
     content = msgspec.structs.asdict(json_file.read(path, LearnerFile, ModelError))
-    if content.pop("checksum") != _checksum(content):
-        raise ModelError(f"{path}: is damaged, since its checksum is another one")
+    checks.check(
+        content.pop("checksum") == _checksum(content),
+        f"{path}: is damaged, since its checksum is another one",
+        ModelError,
+    )
     with checks.refusing(ModelError, f"{path}: holds a broken array: "):
         return unpacked(content["settings"]), unpacked(content["state"])
