@@ -58,14 +58,17 @@ void N(learner_begin_anew)(const Learner *l, num which, num level)
 
 static void clear_errors(LearnerMemory *m, num which)
 {
-    copy_where(which, &m->squares_in_use, (const num[3]){0}, 3); /* squares_candidate and predicted follow */
+    set_where(which, &m->predicted, constant(0));
+    set_where(which, &m->squares_in_use, constant(0));
+    set_where(which, &m->squares_candidate, constant(0));
 }
 
 /* Reset for a number of samples, or learn for 0. */
 static void enter(const Learner *l, num which, real samples)
 {
     LearnerMemory *const m = l->memory;
-    copy_where(which, &m->reset_remaining, (const num[]){constant(samples), constant(0)}, 2); /* probation follows */
+    set_where(which, &m->reset_remaining, constant(samples));
+    set_where(which, &m->probation, constant(0));
     clear_errors(m, which);
 }
 

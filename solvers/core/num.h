@@ -39,18 +39,17 @@ CORE_INLINE num dot(const vec8 *a, const vec8 *b, int count)
     }
     return total(&sum);
 }
-/* The operations on nums are those of vec8.h, by the names that they have for one actuator. */
-#define constant splat
-#define plus add
-#define minus sub
-#define times mul
-#define divided divide
-#define plus_times plus_product
-#define minus_times sub_mul
-#define greatest maximum /* b if either is NaN */
-#define lowest minimum
-#define absolute magnitude
-#define if_less where_less
+CORE_INLINE num constant(real a) { return splat(a); }
+CORE_INLINE num plus(num a, num b) { return add(a, b); }
+CORE_INLINE num minus(num a, num b) { return sub(a, b); }
+CORE_INLINE num times(num a, num b) { return mul(a, b); }
+CORE_INLINE num divided(num a, num b) { return divide(a, b); }
+CORE_INLINE num plus_times(num c, num a, num b) { return plus_product(c, a, b); }
+CORE_INLINE num minus_times(num c, num a, num b) { return sub_mul(c, a, b); }
+CORE_INLINE num greatest(num a, num b) { return maximum(a, b); } /* b if either is NaN */
+CORE_INLINE num lowest(num a, num b) { return minimum(a, b); }
+CORE_INLINE num absolute(num a) { return magnitude(a); }
+CORE_INLINE num if_less(num a, num b, num x, num y) { return where_less(a, b, x, y); }
 CORE_INLINE int any(num a) { return largest8(a) > 0; }
 #else
 typedef real num;
