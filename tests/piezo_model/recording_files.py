@@ -17,7 +17,7 @@ HEADER = "time_s,voltage_V,displacement_um"
 TWO_RATES = np.concatenate([np.arange(300) * 2e-4, 0.06 + np.arange(200) * 1e-3])
 
 
-N = 2500
+N = 1300
 X = np.round(50 + 50 * np.sin(6e-3 * np.arange(N)), 6)
 Y = np.round(5 * np.sin(6e-3 * np.arange(N) - 0.2) + np.random.default_rng(0).normal(0, 0.01, N) - 40, 6)
 """Drive and displacement that every form of text and every format has to give back to the last bit."""

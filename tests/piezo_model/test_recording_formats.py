@@ -236,7 +236,7 @@ UNNAMED = ("HDF5 matrix", "MAT 5 matrix", "MAT 5 cells", "NPY")
 
 def made(folder: Path, name: str) -> Path:
     """A file of the format with a neutral suffix."""
-    path = folder / "stage.rec"
+    path = folder / f"{name}.rec"
     FORMATS[name][0](path)
     return path
 
@@ -255,19 +255,20 @@ def test_every_format_gives_the_clean_arrays_and_the_units_that_it_keeps(tmp_pat
         assert (recording.input_unit, recording.output_unit, "µm" in recording.describe()) == ("V", "um", True)
 
 
-@pytest.mark.parametrize("name", FORMATS)
-def test_a_damaged_file_of_any_format_is_refused(tmp_path: Path, name: str) -> None:
-    path = made(tmp_path, name)
-    content = path.read_bytes()
-    path.write_bytes(content[: len(content) * 2 // 5] if not name.startswith("GCS") else content.replace(b"0", b"x"))
-    try:
-        recording = Recording.open(path)
-    except ValueError:
-        refusal(path)
-    else:  # the remaining part may be a valid file, e.g. of whole TDMS segments
-        assert recording.length < N
-        np.testing.assert_array_equal(recording.x, X[: recording.length])
-    gc.collect()
+def test_a_damaged_file_of_any_format_is_refused(tmp_path: Path) -> None:
+    for name in FORMATS:
+        path = made(tmp_path, name)
+        content = path.read_bytes()
+        is_text = name.startswith("GCS")
+        path.write_bytes(content.replace(b"0", b"x") if is_text else content[: len(content) * 2 // 5])
+        try:
+            recording = Recording.open(path)
+        except ValueError:
+            refusal(path)
+        else:  # the remaining part may be a valid file, e.g. of whole TDMS segments
+            assert recording.length < N, name
+            np.testing.assert_array_equal(recording.x, X[: recording.length])
+    gc.collect()  # a file that was left open is an error
 
 
 def test_channels_are_named_by_path_by_name_or_by_number(tmp_path: Path) -> None:
@@ -324,7 +325,7 @@ def test_a_format_is_one_function_and_one_line(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr(formats, "FORMATS", (added, *formats.FORMATS))
     (tmp_path / "stage.bin").write_bytes(b"DBL1\0\0\0\0" + np.stack([X, Y], 1).tobytes())
     assert (
-        "doubles, which states the sampling period; 2500 samples over 24.99 s, one every 10 ms"
+        "doubles, which states the sampling period; 1300 samples over 12.99 s, one every 10 ms"
         in Recording.open(tmp_path / "stage.bin").describe()
     )
 
