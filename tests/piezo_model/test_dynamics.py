@@ -3,7 +3,6 @@
 import re
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -221,7 +220,7 @@ def test_parts_of_a_signal_are_refused_for_a_model_with_dynamics() -> None:
         model.advance([1.0], model.initial_state())
 
 
-SIZE = 40_000
+SIZE = 20_000
 PLANTS = ("maxwell_slip", "relay_preisach", "bouc_wen", "duhem", "dense_prandtl_ishlinskii")
 Modes = tuple[tuple[float, float, float], ...]
 MODE: Modes = ((500.0, 0.01, 1.0),)
@@ -275,11 +274,6 @@ def made(
     return Recording.from_arrays(x, recorded(kind, x, modes, DELAY_S, noise_um, seed + 1), T)
 
 
-@cache
-def identified(kind: str, drive: str, modes: Modes = MODE) -> HysteresisCreepModel:
-    return identify(made(kind, drive, modes))
-
-
 def assert_mode(found: Dynamics, f: float, rel_f: float, damping: float, rel_damping: float) -> None:
     """The frequency and the damping of the first mode, to relative errors."""
     assert found.frequencies_Hz[0] == pytest.approx(f, rel=rel_f)
@@ -290,7 +284,7 @@ def assert_mode(found: Dynamics, f: float, rel_f: float, damping: float, rel_dam
 @pytest.mark.parametrize("drive", ["steps", "binary", "sweep"])
 @pytest.mark.parametrize("kind", PLANTS[:2])
 def test_a_resonance_is_in_the_model_and_predicts_steps_that_it_has_not_seen(kind: str, drive: str) -> None:
-    model = identified(kind, drive)
+    model = identify(made(kind, drive, MODE))
     assert_mode(model.dynamics, 500.0, 2e-3, 0.01, 0.1)
     assert model.dynamics.delay_s == pytest.approx(DELAY_S, abs=0.2 * T)
     assert model.validate(made(kind, "steps", MODE, 0.0, seed=77, size=20_000)).fit.rms_percent < 1.0
@@ -336,25 +330,31 @@ def test_a_ringing_stage_has_the_creep_that_it_would_have_without_ringing(seed: 
     assert behind.report["creep"]["share"] == pytest.approx(plain.report["creep"]["share"], abs=0.05)
 
 
-@pytest.mark.sample(3)
+@pytest.mark.sample(5)
 @pytest.mark.parametrize(
-    ("kind", "modes_of_stage", "tolerances", "delay"),
+    ("kind", "drive", "modes_of_stage", "tolerances", "delay"),
     [
-        ("maxwell_slip", MODE, (1e-3, 0.03, 1e-9), 0.05),
-        ("maxwell_slip", ((300.0, 0.01, 0.8), (900.0, 0.02, 0.2)), (2e-3, 0.1, 0.05), 0.1),
-        ("relay_preisach", ((300.0, 0.01, 0.8), (900.0, 0.02, 0.15)), (0.05, 0.05, 0.05), 0.5),
-        ("relay_preisach", ((120.0, 0.05, 0.9),), (0.05, 0.05, 0.05), 0.5),
+        ("maxwell_slip", "steps", MODE, (1e-3, 0.03, 1e-9), 0.05),
+        ("maxwell_slip", "steps", ((300.0, 0.01, 0.8), (900.0, 0.02, 0.2)), (2e-3, 0.1, 0.05), 0.1),
+        ("relay_preisach", "steps", ((300.0, 0.01, 0.8), (900.0, 0.02, 0.15)), (0.05, 0.05, 0.05), 0.5),
+        *(
+            ("maxwell_slip", drive, ((180.0, damping, 1.0),), (0.03, 0.05, 1e-9), 0.5)
+            for drive in ("steps", "sweep")
+            for damping in (0.3, 0.7)
+        ),
+        ("relay_preisach", "steps", ((120.0, 0.05, 0.9),), (0.05, 0.05, 0.05), 0.5),
     ],
-    ids=["one mode", "two modes", "two modes and residual compliance", "residual compliance"],
 )
-def test_steps_determine_the_modes_the_residual_compliance_and_the_delay(
-    kind: str, modes_of_stage: Modes, tolerances: tuple[float, ...], delay: float
+def test_steps_and_sweeps_determine_weak_and_strong_modes_the_residual_compliance_and_the_delay(
+    kind: str, drive: str, modes_of_stage: Modes, tolerances: tuple[float, ...], delay: float
 ) -> None:
-    g = identified(kind, "steps", modes_of_stage).dynamics
+    model = identify(made(kind, drive, modes_of_stage), n=5, m=3)
+    g = model.dynamics
     found, true = np.array(modes(g)), np.array(modes_of_stage)
     assert found.shape == true.shape
     assert np.all(np.abs(found - true) <= np.array(tolerances) * true)
     assert g.delay_s == pytest.approx(DELAY_S, abs=delay * T)
+    assert model.report["fit"]["rms_percent"] < 0.3
 
 
 @pytest.mark.sample(6)
@@ -368,7 +368,8 @@ def test_no_resonance_is_found_where_there_is_none(kind: str, drive: str, noise_
     assert "resonance" not in " ".join(model.report["sentences"])
 
 
-@pytest.mark.parametrize("seed", [7, 21, 22, 27])
+@pytest.mark.sample(2)
+@pytest.mark.parametrize("seed", [21, 22, 7, 27])
 def test_a_backlash_whose_corners_look_like_a_resonance_has_a_model_without_one(seed: int) -> None:
     rng, k = np.random.default_rng(seed), np.arange(2000)
     turns = k * rng.uniform(2.0, 20.0) / k.size
@@ -380,7 +381,7 @@ def test_a_backlash_whose_corners_look_like_a_resonance_has_a_model_without_one(
 
 
 def test_where_one_mode_gains_nothing_over_none_no_richer_dynamics_are_tried() -> None:
-    x = steps(40_000, 4, 0.02, 1e-3)
+    x = steps(SIZE, 4, 0.02, 1e-3)
     recording = Recording.from_arrays(x, recorded("bouc_wen", x, (), 0.0, 0.02, 4, 1e-3), 1e-3)
     assert Spectra(recording).peak().gain > GAIN  # the scan alone would take it for a mode
     model, ignored = (identify(recording, n=5, m=3, dynamics=choice) for choice in ("estimate", "ignore"))
@@ -394,8 +395,8 @@ def moving(hardening: float, kind: str = "maxwell_slip", *, with_position: bool 
     return Recording.from_arrays(x, y + 0.02 * np.random.default_rng(9).standard_normal(y.size), T)
 
 
-@pytest.mark.sample(3)
-@pytest.mark.parametrize(("hardening", "with_position"), [(0.05, False), (-0.05, False), (0.05, True)])
+@pytest.mark.sample(2)
+@pytest.mark.parametrize(("hardening", "with_position"), [(-0.05, False), (0.05, True), (0.05, False)])
 @pytest.mark.parametrize("kind", ["maxwell_slip", "duhem"])
 def test_a_resonance_that_moves_with_amplitude_or_position_is_refused_with_its_frequencies(
     kind: str, hardening: float, with_position: bool
@@ -422,18 +423,9 @@ def test_a_resonance_that_hardly_moves_is_kept_and_said_to_and_one_that_does_not
     assert still.dynamics.frequencies_Hz[0] == pytest.approx(500.0, rel=1e-3)
 
 
-@pytest.mark.sample(2)
-@pytest.mark.parametrize("damping", [0.3, 0.7])
-@pytest.mark.parametrize("drive", ["steps", "sweep"])
-def test_a_strongly_damped_mode_is_in_the_model(drive: str, damping: float) -> None:
-    model = identify(made("maxwell_slip", drive, ((180.0, damping, 1.0),), size=SIZE // 2), n=5, m=3)
-    assert_mode(model.dynamics, 180.0, 0.03, damping, 0.05)
-    assert model.report["fit"]["rms_percent"] < 0.3
-
-
 def with_three_modes(drive: str, gains: tuple[float, float, float], noise_um: float) -> Recording:
     three = zip((180.0, 430.0, 800.0), (0.01, 0.01, 0.02), gains, strict=True)
-    return made("maxwell_slip", drive, tuple(three), noise_um, size=SIZE // 2)
+    return made("maxwell_slip", drive, tuple(three), noise_um)
 
 
 @pytest.mark.sample(1)
@@ -452,7 +444,7 @@ def test_a_third_resonance_that_rings_little_is_said_to_be_left_out() -> None:
 
 
 def test_all_findings_about_a_stage_that_falls_and_rings_twice_are_said_first() -> None:
-    rising = made("maxwell_slip", "steps", ((120.0, 0.03, 0.8), (900.0, 0.01, 0.2)), size=SIZE // 2)
+    rising = made("maxwell_slip", "steps", ((120.0, 0.03, 0.8), (900.0, 0.01, 0.2)))
     findings = identify(replace(rising, y=-rising.y), n=5, m=3).report["findings"]
     begins = (
         "The output falls",
@@ -464,14 +456,14 @@ def test_all_findings_about_a_stage_that_falls_and_rings_twice_are_said_first() 
 
 
 def test_figures_have_no_intervals_where_the_model_leaves_a_ringing_that_hardly_dies_away() -> None:
-    report = identified("relay_preisach", "sweep", ((827.4, 0.0059, 1.0),)).report
+    report = identify(made("relay_preisach", "sweep", ((827.4, 0.0059, 1.0),), size=2 * SIZE)).report
     assert report["intervals"] is None
     assert "intervals for these orders" not in " ".join(report["sentences"])
     assert "A faint resonance near 828 Hz" in " ".join(report["sentences"])
 
 
 def test_a_faint_resonance_is_named_with_what_to_record() -> None:
-    model = identify(made("relay_preisach", "triangle", ((300.0, 0.1, 1.0),), 0.05, size=SIZE // 8), force=True)
+    model = identify(made("relay_preisach", "triangle", ((300.0, 0.1, 1.0),), 0.05, size=SIZE // 4), force=True)
     assert model.dynamics.frequencies_Hz == ()  # a delay stands for it
     assert any("record steps of 20 ms to determine it" in sentence for sentence in model.report["findings"])
 
