@@ -34,7 +34,7 @@ FAST = {
     "one loop and a half": triangle(TIME / 40),
 }
 SLOW = triangle(np.arange(7500) / 5000)
-STEP = np.concatenate([np.linspace(1, 6, 100), np.full(10_000, 6.0)])
+STEP = np.concatenate([np.linspace(1, 6, 100), np.full(6000, 6.0)])
 
 
 def worst(model: HysteresisCreepModel, u: Vector, creep: float = 0.0) -> float:
@@ -42,6 +42,7 @@ def worst(model: HysteresisCreepModel, u: Vector, creep: float = 0.0) -> float:
     return 100 * float(np.ptp((model.simulate(u) - stage(u, creep=creep))[u.size // 4 :])) / 320.0
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("kind", FAST)
 def test_a_model_of_one_frequency_has_no_creep_and_holds_at_other_speeds_and_on_a_held_step(kind: str) -> None:
     made = recorded(FAST[kind], stage(FAST[kind], before=5.0))
@@ -161,7 +162,7 @@ def test_creep_from_before_the_recording_is_a_settling_and_no_drift(held_samples
 
 
 def test_a_recording_that_begins_while_the_stage_creeps_is_validated_from_the_states_that_it_has_then() -> None:
-    u = np.concatenate([STEP[:7000], triangle(TIME / 6)[:3000], triangle(TIME / 0.5)[:2000]])
+    u = np.concatenate([STEP, np.full(900, 6.0), triangle(TIME / 6)[:3000], triangle(TIME / 0.5)[:2000]])
     whole = recorded(u, stage(u, creep=0.02), noise=0.1)
     model = identify(whole)
     rest = whole.part(slice(6000, None))

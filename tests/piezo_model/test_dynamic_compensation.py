@@ -238,7 +238,7 @@ def test_a_scan_teaches_the_static_part_nearly_as_well_as_a_slow_recording(kind:
 @pytest.mark.parametrize("integral_gain", [500.0, 0.0])
 def test_noise_of_a_hundredth_of_the_range_does_not_bias_what_is_learned_and_three_hardly(integral_gain: float) -> None:
     def error(noise_um: float) -> float:
-        return learned(learner_of(ONE, integral_gain=integral_gain), 50.0, noise_um, seconds=3.0)
+        return learned(learner_of(ONE, integral_gain=integral_gain), 50.0, noise_um, seconds=2.0)
 
     assert error(0.4) < 3.0 * best_percent()
     assert error(1.2) < 4.0 * best_percent()

@@ -54,7 +54,8 @@ def test_the_weight_of_a_threshold_beyond_the_drive_keeps_its_reference_and_a_cu
     assert rest != 0.9 or model.weights[s.slices[1]][0] == pytest.approx(0.0, abs=1e-12)  # of an output never below
 
 
-@pytest.mark.parametrize("noise", [0.01, 0.05])
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("noise", [0.05, 0.01])
 def test_noise_of_the_sensor_biases_the_papers_weights_and_not_those_of_the_smallest_output_error(noise: float) -> None:
     s, x = structure(creep_rates=()), a_drive(20_000)
     true = true_model(s).simulate(x, OperatorState.settled_at(s, x[0]))
@@ -73,10 +74,13 @@ def test_the_offset_is_identified_and_reported() -> None:
     assert sentences(model, ", offset 12.5 (")
 
 
-@pytest.mark.sample(5)
-@pytest.mark.parametrize("tenths", [10, 30, 24, 7])
-@pytest.mark.parametrize("choice", ["estimate", "remove"])
-def test_a_whole_and_a_fractional_lag_are_identified_and_reported(tenths: int, choice: str) -> None:
+@pytest.mark.sample(3)
+@pytest.mark.parametrize(
+    ("choice", "tenths"),
+    [("estimate", 30), ("estimate", 7), ("remove", 24)]
+    + [("estimate", 10), ("estimate", 24), ("remove", 7), ("remove", 10), ("remove", 30)],
+)
+def test_a_whole_and_a_fractional_lag_are_identified_and_reported(choice: str, tenths: int) -> None:
     fine, size = 10, 4000
     s, fine_s = structure(creep_rates=()), structure(creep_rates=(), sample_time=5e-4)
     x = a_drive(size, fine)
@@ -111,19 +115,21 @@ def test_removal_of_a_lag_keeps_the_known_states_at_the_start() -> None:
 
 def test_a_lag_beyond_the_longest_tried_one_is_reported_as_a_lower_bound() -> None:
     # refused as a delay otherwise
-    assert sentences(identify(lagging(40), force=True), "lags by 20.00 samples or more, the search limit")
+    assert sentences(
+        identify(lagging(40), n=2, m=1, creep_rates=(), force=True), "lags by 20.00 samples or more, the search limit"
+    )
 
 
 def test_a_lag_is_identified_after_a_rest_longer_than_the_samples_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(dynamics, "SAMPLES", 6000)
-    s, x = structure(creep_rates=()), np.concatenate([np.full(7000, 50.0), a_drive()])
+    monkeypatch.setattr(dynamics, "SAMPLES", 3000)
+    s, x = structure(creep_rates=()), np.concatenate([np.full(3500, 50.0), a_drive(3000)])
     state = OperatorState.settled_at(s, 50.0)
     model = identify(x[4:], true_model(s).simulate(x, state.copy())[:-4], s, state=state, skip=100, force=True)
     assert model.report["lag"]["samples"] == pytest.approx(4.0, abs=0.03)
 
 
 @pytest.mark.sample(6)
-@pytest.mark.parametrize("moving", [1, 5, 31])
+@pytest.mark.parametrize("moving", [1, 31, 5])
 @pytest.mark.parametrize("at_the_end", [True, False])
 @pytest.mark.parametrize("force", [True, False])
 def test_a_drive_that_moves_at_one_end_alone_gives_a_model_without_a_lag(
@@ -250,7 +256,8 @@ def lagging(lag: float) -> Recording:
     return Recording.from_arrays(x, 2 * y, 1e-3)
 
 
-@pytest.mark.parametrize("lag", [0.4, 2.3, 6.0])
+@pytest.mark.sample(2)
+@pytest.mark.parametrize("lag", [0.4, 6.0, 2.3])
 def test_a_lag_of_the_sensor_is_found_to_a_hundredth_of_a_sample(lag: float) -> None:
     found = identify(lagging(lag), n=2, m=1, creep_rates=(), force=True).report["lag"]
     assert found["samples"] == pytest.approx(lag, abs=0.01)

@@ -93,7 +93,7 @@ def test_runs_and_replays_saved_in_the_middle_of_any_phase_equal_single_steps_bi
     errors = iter(added)
     x, y = np.hstack(
         [
-            ran.run(part, lambda x: one.run(x) + [*islice(errors, x.size)])
+            ran.run(part, lambda x: np.add(one.run(x), [*islice(errors, x.size)]))
             for part in np.split(y_ref, range(37, y_ref.size, 501))  # which begin within blocks, too
         ]
     )
