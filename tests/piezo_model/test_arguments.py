@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from known_models import a_drive, structure
 from learning_loops import MODEL, PLANT, STRUCTURE, T, learner_for, structure_for
 
 from piezo_model import (
@@ -27,6 +28,7 @@ from piezo_model import (
 )
 from piezo_model.operators import creep, dead_zone, play
 from piezo_model.recordings.recording import Reference
+from piezo_model.signals import SIGNALS
 
 K = np.arange(3000)
 DRIVE = 75.0 + 70.0 * np.sin(K / 150) * np.sin(K / 970)
@@ -267,7 +269,176 @@ def equidistant(**changes: Any) -> ModelStructure:
 OTHER = structure_for(PLANT, n=12)
 ELSEWHERE = OperatorState.settled_at(OTHER, 0.0)
 
+X, RECORDED = a_drive(400), {"sample_time": 1e-3, "x": [1, 2, 3], "y": [1, 2, 3]}
+TWO_MODES = Dynamics((120.0, 900.0), (0.03, 0.01), (0.8, 0.15), 5e-5)
+RINGING = replace(MODEL, dynamics=Dynamics((11.0,), (0.02,), (0.9,), 3e-3, 4e-3))
+SECONDS = {"duration_s": 2.0, "sample_time": T, "low": -20.0, "high": 130.0}
+OPTIONS_OF_SIGNALS: dict[str, dict[str, float]] = {
+    "staircase": {"levels": 1, "hold_s": 0.0},
+    "decaying_triangle": {"cycles": 0.5, "final_share": 1.5},
+    "multi_sine": {"tones": 0, "highest_Hz": 500.0, "lowest_Hz": 80.0},
+    "random_walk": {"bandwidth_Hz": -1.0, "spread_per_root_s": 0.0},
+}
+PROBLEM = basis_of(DRIVE, OUTPUT, states()).problem()
+OF: dict[str, tuple[Callable[..., object], tuple[tuple[dict[str, Any], str], ...]]] = {
+    "a structure": (
+        equidistant,
+        (
+            ({"n": -1}, "n must be a whole number from 0 to 1000, not -1"),
+            ({"x_range": (1.0, 1.0)}, r"x_range must be two finite numbers in ascending order, not \(1.0, 1.0\)"),
+            ({"y_range": (0.0, math.nan)}, "y_range must be two finite numbers"),
+            ({"y_range": (2.0, 2.0)}, r"y_range must be two finite numbers that differ, not \(2.0, 2.0\)"),
+            ({"x_range": (1.0, -1.0)}, r"x_range must be two finite numbers in ascending order, not \(1.0, -1.0\)"),
+            ({"creep_rates": (1.0, -1.0)}, r"creep_rates must be from 1e-100 to 1e\+100, not \(1.0, -1.0\)"),
+            ({"creep_rates": (1.0, 1.0)}, "creep_rates must differ from each other"),
+            ({"creep_rates": (math.inf,)}, "creep_rates must be from"),
+            ({"sample_time": 0.0}, "sample_time must be from 1e-09 to 1e.09, not 0.0"),
+            ({"sample_time": math.nan}, "sample_time must be from 1e-09 to 1e.09, not nan"),
+        ),
+    ),
+    "another structure": (
+        partial(replace, STRUCTURE),
+        (
+            *(({"play_thresholds": r}, "play_thresholds must be positive and ascending") for r in ((0.5, 0.5), (0.0,))),
+            *(
+                ({"dead_zone_thresholds": r}, "dead_zone_thresholds must be ascending with 0 among them")
+                for r in ((0.1, 0.2), (), (0.0, 0.5, 0.2))
+            ),
+        ),
+    ),
+    "dynamics": (
+        partial(replace, TWO_MODES),
+        (
+            ({"frequencies_Hz": (900.0, 5.0)}, r"at most 2 positive numbers in ascending order, not \(900.0, 5.0\)"),
+            ({"frequencies_Hz": (1.0, 2.0, 3.0)}, "at most 2 positive"),
+            ({"damping": (0.01,)}, "damping must be as many numbers as there are frequencies"),
+            ({"damping": (0.01, 1.0)}, "above 0 and below 1"),
+            ({"gains": (0.8, 0.3)}, "above 0 and at most 1 in all"),
+            ({"delay_s": -1e-6}, r"delay_s must be from 0 to 1e\+100 s"),
+            ({"amplifier_lag_s": np.nan}, r"amplifier_lag_s must be from 0 to 1e\+100 s, not nan"),
+        ),
+    ),
+    "a problem": (
+        partial(replace, PROBLEM),
+        (
+            ({"proximal": -1.0}, "proximal must be a finite number of at least 0, not -1.0"),
+            ({"min_slope": 0.0}, "min_slope must be a positive number, not 0.0"),
+            ({"reference": np.zeros(3)}, r"reference must have \d+ weights, not shape \(3,\)"),
+        ),
+    ),
+    "its form": (PROBLEM.form, (({"coordinates": "slope", "scaling": "metric"}, "unknown form 'slope', 'metric'"),)),
+    "parts for a model with dynamics": (
+        RINGING.advance,
+        (({"x": [1.0], "state": states()}, "and this one has a resonance at 11 Hz with damping 2 %"),),
+    ),
+    **{
+        f"the plant {name}": (
+            partial(plants.get, name),
+            (
+                *(({"x_range": (1.0, 1.0)}, "x_range"), ({"y_range": (0.0, np.nan)}, "y_range")),
+                *(({"sample_time": 0.0}, "sample_time"), ({"creep_share": 1.0}, "creep_share")),
+                *(({"creep_rates_per_s": rates}, "creep_rates_per_s") for rates in ((), (1.0, -1.0))),
+                *(({option: value}, option) for option, value in options.items()),
+            ),
+        )
+        for name, options in (
+            (
+                "relay_preisach",
+                {"lines": 0, "reversible_share": 1.0, "hill_breadth": 0.0, "hill_breadth_slope": 2.0},
+            ),
+            ("bouc_wen", {"loading_slope": 0.0, "beta": 0.0, "gamma": 9.0, "exponent": 0.5, "stiffness": 0.1}),
+            (
+                "dense_prandtl_ishlinskii",
+                {"thresholds": 1, "saturation": 0.5, "asymmetry": -0.5, "threshold_scale": np.inf},
+            ),
+            ("maxwell_slip", {"sliders": 0, "slip_share": 1.0, "reach": 2.5, "saturation": 0.5}),
+            ("duhem", {"alpha": 0.0, "slope_after_turn": 0.5, "asymmetry": 0.6}),
+        )
+    },
+    "no plant": (partial(plants.get, "stack"), (({}, "known are bouc_wen"),)),
+    "a sensor": (
+        partial(plants.Sensor, PLANT),
+        (
+            *(({"noise_um": -1.0}, "noise_um"), ({"quantum_um": np.nan}, "quantum_um"), ({"seed": -1}, "seed")),
+            *(({"delay_samples": value}, "delay_samples") for value in (-1, 1.5)),
+            *(({"gain_drift_per_s": np.inf}, "gain_drift_per_s"), ({"offset_um": np.nan}, "offset_um")),
+        ),
+    ),
+    **{
+        f"the signal {name}": (
+            partial(signal, **SECONDS, **({"seed": 7} if name == "random_walk" else {})),
+            (
+                *(({"duration_s": value}, "duration_s") for value in (0.0, np.nan, 1e-4)),
+                *(({"sample_time": value}, "sample_time") for value in (-1.0, np.inf)),
+                *(({"low": 130.0}, "low"), ({"high": np.nan}, "high")),
+                *(({option: value}, option) for option, value in OPTIONS_OF_SIGNALS.get(name, {}).items()),
+            ),
+        )
+        for name, signal in SIGNALS.items()
+    },
+    "identification": (
+        partial(identify, X, X, structure()),
+        (
+            ({"skip": 395}, "only 5 of 400 samples are counted after skipping 395, too few for 11 weights"),
+            ({"skip": -1}, "skip must be a whole number of at least 0, not -1"),
+            ({"lag": "later"}, "lag must be one of estimate, remove, ignore, not 'later'"),
+            ({"solver": "simplex"}, "there is no solver 'simplex'"),
+        ),
+    ),
+    "identification of other data": (
+        partial(identify, structure=structure()),
+        (
+            ({"x": X[:9], "y": X[:9]}, "9 samples are counted, too few for 11 weights"),
+            ({"x": X, "y": X**2, "skip": 388}, "the model class does not describe these data"),
+            (
+                {"x": K[:400] < 5, "y": X, "skip": 20},
+                "the drive does not move after the first 20 samples, which are skipped",
+            ),
+            (
+                {"x": X, "y": K[:400] < 5, "skip": 20},
+                "the output does not move after the first 20 samples, which are skip",
+            ),
+            ({"x": X, "y": X[:-1]}, r"vectors of the same length, not of shapes \(400,\) and \(399,\)"),
+            ({"x": X}, "identification from arrays needs x, y and a structure"),
+            ({"x": Recording.from_arrays(X, X, 5e-3), "y": X}, "a recording contains its output"),
+            ({"x": Recording.from_arrays(X, X, T)}, "sampling period is 0.001 s, but that of the structure is 0.005 s"),
+        ),
+    ),
+    "identification of creep": (
+        partial(identify, Recording.from_arrays(X, X, 5e-3), n=2, m=1),
+        (
+            (
+                {"creep_rates": (1.0, 1e9)},
+                r"^arrays: a creep rate of 1e[+]09 per second is above the sampling",
+            ),
+        ),
+    ),
+    "a recording": (
+        lambda **changes: Recording.from_arrays(**{**RECORDED, **changes}),
+        (
+            ({"y": [1, 2]}, r"vectors of the same length.*\(3,\) and \(2,\)"),
+            ({"x": [[1, 2]], "y": [[1, 2]]}, "must be vectors"),
+            ({"x": [1, np.nan, 3]}, "arrays: input is missing in sample 1"),
+            ({"x": [1, 2, 3, np.nan, np.nan], "y": [1, 2, 3, 4, 5]}, "input is missing in sample 3"),
+            ({"x": np.ma.masked_equal([1, 2, 3], 2)}, "input is missing in sample 1"),
+            ({"x": [1, 2, 3, 4, 5], "y": [*[np.nan] * 3, 4, 5]}, "in all 3 of 5 values are missing"),
+            ({"y": [1, 2, np.inf]}, "output is infinite in sample 2"),
+            ({"x": [2, 2, 2]}, "input is constant, all 3 values are 2"),
+            ({"sample_time": 0.0}, "the sampling period must be from 1e-09 to 1e.09 s, not 0.0"),
+            ({"sample_time": 1e308}, "the sampling period must be from"),
+            ({"y": [1e-300, 0, 0]}, "output has a range of 1e-300, which is too small"),
+            ({"sample_time": np.nan}, "the sampling period must be from 1e-09 to 1e.09 s, not nan"),
+        ),
+    ),
+}
+"""Functions, and keywords that they refuse."""
+
 REFUSED: dict[str, tuple[Callable[[], object], str]] = {
+    **{
+        f"{', '.join(keywords)} of {name}, {case}": (partial(call, **keywords), sentence)
+        for name, (call, cases) in OF.items()
+        for case, (keywords, sentence) in enumerate(cases)
+    },
     **WRONG_SETTINGS,
     **WRONG_FOR_A_BANK,
     **{
@@ -407,6 +578,6 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
 @pytest.mark.parametrize("what", REFUSED)
 def test_invalid_arguments_are_refused_in_one_sentence(what: str) -> None:
     call, sentence = REFUSED[what]
-    with pytest.raises(ValueError, match=sentence) as refused:
+    with pytest.raises((ValueError, KeyError), match=sentence) as refused:
         call()
     assert "\n" not in str(refused.value)

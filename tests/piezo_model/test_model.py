@@ -320,41 +320,6 @@ def test_a_descending_output_range_gives_the_structure_of_the_reversed_output() 
         np.testing.assert_allclose(descending.unit_output(np.array([high, low])), [-1.0, 1.0])
 
 
-@pytest.mark.parametrize(
-    ("changes", "sentence"),
-    [
-        ({"n": -1}, "n must be a whole number from 0 to 1000, not -1"),
-        ({"x_range": (1.0, 1.0)}, r"x_range must be two finite numbers in ascending order, not \(1.0, 1.0\)"),
-        ({"y_range": (0.0, math.nan)}, "y_range must be two finite numbers"),
-        ({"y_range": (2.0, 2.0)}, r"y_range must be two finite numbers that differ, not \(2.0, 2.0\)"),
-        ({"x_range": (1.0, -1.0)}, r"x_range must be two finite numbers in ascending order, not \(1.0, -1.0\)"),
-        ({"creep_rates": (1.0, -1.0)}, r"creep_rates must be from 1e-100 to 1e\+100, not \(1.0, -1.0\)"),
-        ({"creep_rates": (1.0, 1.0)}, "creep_rates must differ from each other"),
-        ({"creep_rates": (math.inf,)}, "creep_rates must be from"),
-        ({"sample_time": 0.0}, "sample_time must be from 1e-09 to 1e.09, not 0.0"),
-        ({"sample_time": math.nan}, "sample_time must be from 1e-09 to 1e.09, not nan"),
-    ],
-)
-def test_an_invalid_structure_is_refused_by_the_name_of_its_field(changes: dict[str, Any], sentence: str) -> None:
-    with pytest.raises(StructureError, match=sentence):
-        equidistant(**changes)
-
-
-@pytest.mark.parametrize(
-    ("field", "thresholds", "sentence"),
-    [
-        ("play_thresholds", (0.5, 0.5), "must be positive and ascending"),
-        ("play_thresholds", (0.0,), "must be positive and ascending"),
-        ("dead_zone_thresholds", (0.1, 0.2), "must be ascending with 0 among them"),
-        ("dead_zone_thresholds", (), "must be ascending with 0 among them"),
-        ("dead_zone_thresholds", (0.0, 0.5, 0.2), "must be ascending with 0 among them"),
-    ],
-)
-def test_thresholds_out_of_order_are_refused(field: str, thresholds: tuple[float, ...], sentence: str) -> None:
-    with pytest.raises(StructureError, match=f"{field} {sentence}"):
-        replace(equidistant(), **{field: thresholds})
-
-
 NUMPYS = equidistant(sample_time=np.float32(0.5), creep_rates=np.array([2, 1]), offset=np.True_)
 FIGURES: dict[str, tuple[Callable[[], Any], Any]] = {
     "creep weights do not grow with the rates and go without them": (

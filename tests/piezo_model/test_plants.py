@@ -37,11 +37,6 @@ def test_the_folder_is_the_registry():
     assert NAMES == ["bouc_wen", "dense_prandtl_ishlinskii", "duhem", "maxwell_slip", "relay_preisach"]
 
 
-def test_an_unknown_plant_is_refused_with_the_known_ones():
-    with pytest.raises(KeyError, match="known are bouc_wen"):
-        plants.get("stack")
-
-
 # The contract of a plant
 
 
@@ -65,48 +60,6 @@ def test_a_bad_drive_is_refused_in_one_sentence_and_changes_nothing(make, name, 
     with pytest.raises(ValueError, match=message):
         plant.run(x)
     np.testing.assert_array_equal(plant.run(walk(0.1)), make(name).run(walk(0.1)))
-
-
-COMMON = [
-    ("x_range", (1.0, 1.0)),
-    ("y_range", (0.0, np.nan)),
-    ("sample_time", 0.0),
-    ("creep_share", 1.0),
-    ("creep_rates_per_s", ()),
-    ("creep_rates_per_s", (1.0, -1.0)),
-]
-"""Common options with invalid values."""
-
-
-@pytest.mark.parametrize(
-    ("name", "option", "value"),
-    [
-        *((name, option, value) for name in NAMES for option, value in COMMON),
-        ("relay_preisach", "lines", 0),
-        ("relay_preisach", "reversible_share", 1.0),
-        ("relay_preisach", "hill_breadth", 0.0),
-        ("relay_preisach", "hill_breadth_slope", 2.0),
-        ("bouc_wen", "loading_slope", 0.0),
-        ("bouc_wen", "beta", 0.0),
-        ("bouc_wen", "gamma", 9.0),
-        ("bouc_wen", "exponent", 0.5),
-        ("bouc_wen", "stiffness", 0.1),
-        ("dense_prandtl_ishlinskii", "thresholds", 1),
-        ("dense_prandtl_ishlinskii", "saturation", 0.5),
-        ("dense_prandtl_ishlinskii", "asymmetry", -0.5),
-        ("dense_prandtl_ishlinskii", "threshold_scale", np.inf),
-        ("maxwell_slip", "sliders", 0),
-        ("maxwell_slip", "slip_share", 1.0),
-        ("maxwell_slip", "reach", 2.5),
-        ("maxwell_slip", "saturation", 0.5),
-        ("duhem", "alpha", 0.0),
-        ("duhem", "slope_after_turn", 0.5),
-        ("duhem", "asymmetry", 0.6),
-    ],
-)
-def test_an_actuator_refuses_a_wrong_option_by_its_name(name, option, value):
-    with pytest.raises(ValueError, match=option):
-        plants.get(name, **{option: value})
 
 
 # Behaviour of a stack actuator

@@ -111,29 +111,6 @@ def test_arrays_are_copied() -> None:
     np.testing.assert_array_equal(recording.x, np.arange(5.0))
 
 
-@pytest.mark.parametrize(
-    ("x", "y", "sample_time", "sentence"),
-    [
-        ([1, 2, 3], [1, 2], 1e-3, r"vectors of the same length.*\(3,\) and \(2,\)"),
-        ([[1, 2]], [[1, 2]], 1e-3, "must be vectors"),
-        ([], [], 1e-3, "input is constant, all 0 values"),
-        ([1, np.nan, 3], [1, 2, 3], 1e-3, "arrays: input is missing in sample 1"),
-        ([1, 2, 3, np.nan, np.nan], [1, 2, 3, 4, 5], 1e-3, "input is missing in sample 3"),
-        (np.ma.masked_equal([1, 2, 3, 4, 5], 2), [1, 2, 3, 4, 5], 1e-3, "input is missing in sample 1"),
-        ([1, 2, 3, 4, 5], [*[np.nan] * 3, 4, 5], 1e-3, "in all 3 of 5 values are missing"),
-        ([1, 2, 3], [1, 2, np.inf], 1e-3, "output is infinite in sample 2"),
-        ([2, 2, 2], [1, 2, 3], 1e-3, "input is constant, all 3 values are 2"),
-        ([1, 2, 3], [1, 2, 3], 0.0, "the sampling period must be from 1e-09 to 1e.09 s, not 0.0"),
-        ([1, 2, 3], [1, 2, 3], 1e308, "the sampling period must be from"),
-        ([1, 2, 3], [1e-300, 0, 0], 1e-3, "output has a range of 1e-300, which is too small"),
-        ([1, 2, 3], [1, 2, 3], np.nan, "the sampling period must be from 1e-09 to 1e.09 s, not nan"),
-    ],
-)
-def test_arrays_that_are_no_recording_are_refused(x: list, y: list, sample_time: float, sentence: str) -> None:
-    with pytest.raises(RecordingError, match=sentence):
-        Recording.from_arrays(x, y, sample_time)
-
-
 # A reference alone.
 
 

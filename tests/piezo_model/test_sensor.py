@@ -63,23 +63,6 @@ def test_a_measurement_is_the_displacement_or_an_earlier_one_that_starts_with_th
     np.testing.assert_array_equal(plants.Sensor(bare("bouc_wen"), **options).run(x), expected)
 
 
-@pytest.mark.parametrize(
-    ("option", "value"),
-    [
-        ("noise_um", -1.0),
-        ("quantum_um", np.nan),
-        ("delay_samples", -1),
-        ("delay_samples", 1.5),
-        ("seed", -1),
-        ("gain_drift_per_s", np.inf),
-        ("offset_um", np.nan),
-    ],
-)
-def test_a_sensor_refuses_a_wrong_option_by_its_name(option, value):
-    with pytest.raises(ValueError, match=option):
-        plants.Sensor(bare("bouc_wen"), **{option: value})
-
-
 FROZEN_DRIVE, JUMP, PLAUSIBLE = 0.02, 0.25, 4.0
 
 RAMP = np.linspace(-0.5, 0.5, 200)

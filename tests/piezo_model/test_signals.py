@@ -34,38 +34,6 @@ def test_another_seed_gives_another_signal(function):
     assert not np.array_equal(function(**TWO_SECONDS, seed=1), function(**TWO_SECONDS, seed=2))
 
 
-COMMON = [
-    ("duration_s", 0.0),
-    ("duration_s", np.nan),
-    ("sample_time", -1.0),
-    ("sample_time", np.inf),
-    ("low", 130.0),
-    ("high", np.nan),
-    ("duration_s", 1e-4),
-]
-"""Common options with invalid values."""
-
-
-@pytest.mark.parametrize(
-    ("name", "option", "value"),
-    [
-        *((name, option, value) for name in SIGNALS for option, value in COMMON),
-        ("staircase", "levels", 1),
-        ("staircase", "hold_s", 0.0),
-        ("decaying_triangle", "cycles", 0.5),
-        ("decaying_triangle", "final_share", 1.5),
-        ("multi_sine", "tones", 0),
-        ("multi_sine", "highest_Hz", 500.0),
-        ("multi_sine", "lowest_Hz", 80.0),
-        ("random_walk", "bandwidth_Hz", -1.0),
-        ("random_walk", "spread_per_root_s", 0.0),
-    ],
-)
-def test_a_signal_refuses_a_wrong_option_by_its_name(name, option, value):
-    with pytest.raises(ValueError, match=option):
-        make(name, **{option: value})
-
-
 def test_a_staircase_holds_each_level_and_goes_up_and_down_by_one_level():
     s = staircase(**TWO_SECONDS, levels=4, hold_s=0.1).reshape(-1, 100)
     assert np.ptp(s, axis=1).max() == 0.0
