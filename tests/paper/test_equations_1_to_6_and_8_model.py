@@ -101,24 +101,6 @@ def test_the_papers_case_has_eighteen_unknowns_in_the_papers_order() -> None:
     np.testing.assert_allclose(s.dead_zone_thresholds, np.arange(-3, 4) / 4)
 
 
-BLOCK = 64
-"""Number of rows per update."""
-
-
-@settings(max_examples=60)
-@given(cases(), st.integers(1, 3 * BLOCK), st.sampled_from([1.0, 0.999, 0.9, 0.3]))
-def test_P_q_and_c_are_those_of_a_dense_computation_in_plain_numpy(case: Case, size: int, forgetting: float) -> None:
-    x, y = case.recording(size)
-    basis = DataBasis(case.structure, case.state, forgetting)
-    basis.update(x, y)
-    P, q, c = case.program(x, y, np.full(size, True), forgetting)
-    scale = np.sqrt(np.outer(np.diag(P), np.diag(P))) + 1e-3
-    assert np.max(np.abs(basis.P - P) / scale) < 1e-12
-    np.testing.assert_allclose(basis.q, q, rtol=0, atol=1e-12 * (1 + np.abs(P).max()))
-    assert basis.c == pytest.approx(c, rel=1e-12)
-    np.testing.assert_array_equal(basis.P, basis.P.T)
-
-
 FORMS = list(product(get_args(Coordinates), get_args(Scaling)))
 
 

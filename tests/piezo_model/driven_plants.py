@@ -1,5 +1,7 @@
 """Simulated actuators, and drives for them in volts."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from hypothesis import strategies as st
@@ -13,8 +15,7 @@ every_plant = pytest.mark.parametrize("name", NAMES)
 volts = st.floats(0.0, 150.0)
 
 
-def bare(name):
-    return plants.get(name, sample_time=TS)
+bare = partial(plants.get, sample_time=TS)
 
 
 def ramp(*turns, per_ramp=200):

@@ -130,6 +130,3 @@ def steps(plant: plants.Plant, seconds: float, hold_s: float = 0.1) -> Vector:
 def rms_percent(y: Vector, y_ref: Vector, plant: plants.Plant) -> float:
     """RMS error in percent of the plant's range."""
     return float(100.0 * np.sqrt(np.mean((y - y_ref) ** 2)) / (plant.y_range[1] - plant.y_range[0]))
-
-
-Actuator = Callable[[Vector], Vector]

@@ -174,16 +174,11 @@ def test_a_bank_in_use_by_another_thread_is_not(how: str) -> None:
 STATES = OperatorState.settled_at(STRUCTURE, 75.0)
 
 
-def learner(**options: Any) -> SelfLearningCompensator:
-    return SelfLearningCompensator(STRUCTURE, **options)
-
-
-def bank(**options: Any) -> CompensatorBank:
-    return CompensatorBank(STRUCTURE, 2, **options)
-
-
-def model(**changes: Any) -> HysteresisCreepModel:
-    return replace(MODEL, **changes)
+learner, bank, model = (
+    partial(SelfLearningCompensator, STRUCTURE),
+    partial(CompensatorBank, STRUCTURE, 2),
+    partial(replace, MODEL),
+)
 
 
 @pytest.mark.parametrize(
