@@ -99,12 +99,13 @@ def test_what_is_handed_out_is_read_only_or_the_callers_own() -> None:
     np.testing.assert_equal(shown(basis), before)
 
 
-def test_a_data_basis_keeps_no_states_of_the_caller() -> None:
-    state = states()
-    basis = basis_of(DRIVE, OUTPUT, state)
+def test_a_recording_keeps_no_arrays_and_a_data_basis_no_states_of_the_caller() -> None:
+    state, x = states(), DRIVE.copy()
+    basis, recording = basis_of(DRIVE, OUTPUT, state), Recording.from_arrays(x, x, T)
     before = shown(basis)
-    state.play[:] = 5.0
+    state.play[:], x[:] = 5.0, -1.0
     np.testing.assert_equal(shown(basis), before)
+    np.testing.assert_array_equal([recording.x, recording.y], [DRIVE, DRIVE])
 
 
 # What is not a vector of numbers is refused by the name of the argument; the object is as it was.

@@ -29,7 +29,6 @@ from solvers.core.compile_core import instruction_sets
 STRUCTURE = ModelStructure.equidistant(5, 3, (0.0, 150.0), (-20.0, 20.0), (10.0, 1.0, 0.1), 1.25e-3)
 MEMORY_S, RESET_SAMPLES, BLOCK, INTERVAL = 2.0, 80, 20, 80
 MIN_SLOPE, PROXIMAL, BELIEF = 0.1, 1e-8, 1e-6
-STAGE = Dynamics((150.0,), (0.05,), (1.0,), 3e-3)
 
 
 class Actuators:
@@ -194,7 +193,7 @@ def test_a_file_of_another_kind_is_refused(tmp_path: Path) -> None:
         SelfLearningCompensator.load(tmp_path / "bank.json")
 
 
-@pytest.mark.parametrize("dynamics", [None, STAGE])
+@pytest.mark.parametrize("dynamics", [None, Dynamics((150.0,), (0.05,), (1.0,), 3e-3)])
 def test_actuators_are_added_removed_and_given_models_without_any_effect_on_the_others(
     dynamics: Dynamics | None,
 ) -> None:

@@ -333,43 +333,42 @@ def test_a_file_that_takes_values_from_another_one_is_refused(
     assert "'displacement' links to another file" in refusal(path)
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        "1" * LONG + "e,1,1",
-        "1,1" + " " * LONG + "x,1",
-        "12:00" + " " * LONG + "x,1,1",
-        "1." * (LONG // 2) + ",1,1",
-        "1,000" * (LONG // 5) + "x;1;1",
-        '"' * LONG,
-        "x" * LONG + "1,1,1",
-    ],
-    ids=["digits", "blanks", "clock", "points", "thousands", "quotes", "letters"],
+LINES = waves(np.arange(40) * 1e-3)
+CELLS = (
+    "1" * LONG + "e,1,1",
+    "1,1" + " " * LONG + "x,1",
+    "12:00" + " " * LONG + "x,1,1",
+    "1." * (LONG // 2) + ",1,1",
+    "1,000" * (LONG // 5) + "x;1;1",
+    '"' * LONG,
+    "x" * LONG + "1,1,1",
 )
-@pytest.mark.parametrize("at", [0, 1, 20])
-def test_a_cell_of_any_length_is_read_or_refused(tmp_path: Path, line: str, at: int) -> None:
-    lines = waves(np.arange(40) * 1e-3)
-    read_or_refused(text_file(tmp_path, *lines[:at], line, *lines[at:]))
+HEADERS = (
+    "dt" + " " * LONG + "x",
+    "sampl" + "_" * LONG,
+    "dt [" * (LONG // 4),
+    "# " + "x" * LONG,
+    "time_s,a" + " " * LONG + "!,b",
+    "time_s,a" + "_" * LONG + "!,b",
+    "time_s," + "[" * LONG + ",b",
+    "time_s,voltage (m^9^9^9),b",
+    "time_s,voltage (m**9**9**9),b",
+    "time_s,voltage (" + "m*" * LONG + "m),b",
+)
 
 
 @pytest.mark.parametrize(
-    "line",
+    "lines",
     [
-        "dt" + " " * LONG + "x",
-        "sampl" + "_" * LONG,
-        "dt [" * (LONG // 4),
-        "# " + "x" * LONG,
-        "time_s,a" + " " * LONG + "!,b",
-        "time_s,a" + "_" * LONG + "!,b",
-        "time_s," + "[" * LONG + ",b",
-        "time_s,voltage (m^9^9^9),b",
-        "time_s,voltage (m**9**9**9),b",
-        "time_s,voltage (" + "m*" * LONG + "m),b",
+        *([*LINES[:at], cell, *LINES[at:]] for cell, at in product(CELLS, (0, 1, 20))),
+        *([header, *LINES[1:]] for header in HEADERS),
     ],
-    ids=["period", "rate", "brackets", "remark", "blanks", "bars", "open", "power", "powers", "product"],
+    ids=range(3 * len(CELLS) + len(HEADERS)),
 )
-def test_a_header_of_any_length_is_read_or_refused(tmp_path: Path, line: str) -> None:
-    read_or_refused(text_file(tmp_path, line, *waves(np.arange(40) * 1e-3)[1:]))
+def test_a_cell_or_a_header_of_any_length_is_read_or_refused(tmp_path: Path, lines: list[str]) -> None:
+    path = text_file(tmp_path, *lines)
+    if error_of(path):
+        refusal(path)
 
 
 def test_a_unit_has_exponents_of_one_digit() -> None:
@@ -433,8 +432,3 @@ def test_the_size_that_a_workbook_states_is_not_believed(tmp_path: Path) -> None
         return re.sub(rb'<dimension ref="[^"]*"/>', b'<dimension ref="A1:XFD1048576"/>', sheet)
 
     assert Recording.open(changed_workbook(tmp_path / "stage.xlsx", wide)).length == 100
-
-
-def read_or_refused(path: Path) -> None:
-    if error_of(path):
-        refusal(path)

@@ -104,13 +104,6 @@ def test_units_of_different_kinds_are_refused_by_name_and_the_recording_stays(un
     assert recording.units == ""
 
 
-def test_arrays_are_copied() -> None:
-    x = np.arange(5.0)
-    recording = Recording.from_arrays(x, x, 1e-3)
-    x[:] = -1
-    np.testing.assert_array_equal(recording.x, np.arange(5.0))
-
-
 # A reference alone.
 
 

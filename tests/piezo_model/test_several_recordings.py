@@ -21,8 +21,7 @@ from piezo_model.units import UnitError
 
 SLOW, FAST = 0.05, 5e-4
 PERIODS = {"slow": SLOW, "fast": FAST}
-RATES = 100.0, 10.0, 1.0, 0.1, 0.01, 0.001
-STATIC = ModelStructure.equidistant(8, 1, (0.0, 100.0), (0.0, 50.0), RATES, FAST, offset=True)
+STATIC = ModelStructure.equidistant(8, 1, (0.0, 100.0), (0.0, 50.0), 10.0 ** np.arange(2, -4, -1), FAST, offset=True)
 MODE = Dynamics((120.0,), (0.04,), (1.0,), 0.8 * FAST)
 
 

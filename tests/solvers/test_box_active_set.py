@@ -17,8 +17,6 @@ from qpsolvers import Problem
 from solvers import get
 from solvers.certificate import NotCertified, certify
 
-EPS = np.finfo(float).eps
-
 
 def hard_program(seed):
     """P, q, lb, ub of 1 to 9 variables with zero or nearly equal rows and finite, 1e20 or no bounds."""
@@ -84,7 +82,7 @@ def test_sixty_variables_at_a_condition_number_of_1e11_end_without_cycling(seed)
     s = solver(P, q, lb, None)
     x, extras = s.solve(), s.solution().extras
     assert extras["exchanges"] + extras["refinements"] < 5 * d
-    assert violation(P, q, lb, np.full(d, INF), x) < 100 * d * EPS
+    assert violation(P, q, lb, np.full(d, INF), x) < 100 * d * np.finfo(float).eps
 
 
 ONE_ROW = np.diag([0.0, 1e-15]), [2.0, 0.0], [4.0, 1.0]

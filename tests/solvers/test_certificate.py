@@ -43,7 +43,7 @@ from solvers.certificate import (
 )
 from solvers.certificate_document import document
 from solvers.exact import linear_algebra as exact_linear_algebra
-from solvers.exact.problem import DoubleProblem
+from solvers.exact.problem import DoubleProblem, Kind
 
 I2, ZERO2 = np.eye(2), np.zeros((2, 2))
 BY_HAND: dict[str, tuple[Problem, dict[str, object]]] = {
@@ -179,6 +179,8 @@ def test_a_bound_touched_with_zero_multiplier_is_certified_either_way() -> None:
             verify(problem, replace(proof, lower=lower, upper=upper))
     still = DoubleProblem.of(Problem(ZERO2, np.zeros(2), lb=np.zeros(2)))
     assert [i for _, i in still.guess(np.zeros(2))] == [0, 1]  # without gradient and curvature it stays where it is
+    among_rows, found = BY_HAND["an equality and general rows"]
+    assert DoubleProblem.of(among_rows).guess(np.array(found["x"])) == [(Kind.ROW, 0)]
 
 
 INFEASIBLE: list[tuple[dict[str, np.ndarray], str]] = [
