@@ -5,6 +5,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import pandas as pd
 import pytest
 from known_models import a_drive, structure
 from learning_loops import MODEL, PLANT, STRUCTURE, T, learner_for, structure_for
+from qpsolvers import Problem
 
 from piezo_model import (
     Compensator,
@@ -26,7 +28,9 @@ from piezo_model import (
     identify,
     plants,
 )
+from piezo_model.learning.solving import solved
 from piezo_model.operators import creep, dead_zone, play
+from piezo_model.recordings.array_table import Arrays, table_of
 from piezo_model.recordings.recording import Reference
 from piezo_model.signals import SIGNALS
 
@@ -272,7 +276,19 @@ ELSEWHERE = OperatorState.settled_at(OTHER, 0.0)
 
 X, RECORDED = a_drive(400), {"sample_time": 1e-3, "x": [1, 2, 3], "y": [1, 2, 3]}
 TWO_MODES = Dynamics((120.0, 900.0), (0.03, 0.01), (0.8, 0.15), 5e-5)
-RINGING = replace(MODEL, dynamics=Dynamics((11.0,), (0.02,), (0.9,), 3e-3, 4e-3))
+SLOW = Dynamics((11.0,), (0.02,), (0.9,), 3e-3, 4e-3)
+OUT_OF_REACH: tuple[tuple[dict[str, Any], str], ...] = (
+    ({"dynamics": SLOW, "T": 8e-6}, "the resonance at 11 Hz is below 0.01 % of the sampling rate, 125000 Hz"),
+    (
+        {"dynamics": replace(SLOW, delay_s=1.0), "T": 5e-5},
+        "a delay of 1 s is longer than 10000 sampling periods of 50 µs",
+    ),
+    (
+        {"dynamics": replace(SLOW, amplifier_lag_s=1.0), "T": 5e-5},
+        "an amplifier lag of 1 s is longer than 10000 sampling periods of 50 µs",
+    ),
+)
+"""Dynamics that do not suit a sampling period."""
 SECONDS = {"duration_s": 2.0, "sample_time": T, "low": -20.0, "high": 130.0}
 OPTIONS_OF_SIGNALS: dict[str, dict[str, float]] = {
     "staircase": {"levels": 1, "hold_s": 0.0},
@@ -328,8 +344,35 @@ OF: dict[str, tuple[Callable[..., object], tuple[tuple[dict[str, Any], str], ...
         ),
     ),
     "its form": (PROBLEM.form, (({"coordinates": "slope", "scaling": "metric"}, "unknown form 'slope', 'metric'"),)),
+    "a model at another rate": (
+        MODEL.at,
+        tuple(
+            ({"sample_time": wrong}, r"sample_time must be from 1e-09 to 1e\+09, not")
+            for wrong in (0.0, -1.0, math.nan, math.inf)
+        ),
+    ),
+    "a model of dynamics at another rate": (
+        lambda dynamics, T: replace(MODEL, dynamics=dynamics).at(T),
+        OUT_OF_REACH,
+    ),
+    "a bank of dynamics": (
+        lambda dynamics, T: CompensatorBank(replace(STRUCTURE, sample_time=T), 2, dynamics=dynamics),
+        OUT_OF_REACH,
+    ),
+    "a learner by steps": (
+        partial(learner_for, PLANT, solver="projected_difference"),
+        (({"solver_options": {"step_ratio": 3.0}}, "step_ratio must lie between 0 and 1"),),
+    ),
+    "an answer by steps": (
+        partial(solved, "projected_difference", program=Problem(np.eye(1), np.zeros(1)), start=np.zeros(1)),
+        (({"options": {"steps": -1}}, "steps must be a whole number from 0 to"),),
+    ),
+    "a table of columns": (
+        lambda period: table_of(Path("stage.rec"), Arrays("a format", {"u": DRIVE, "y": OUTPUT}, periods=period)),
+        tuple(({"period": wrong}, "the sampling period must be from") for wrong in (0.0, -1e-3, math.nan)),
+    ),
     "parts for a model with dynamics": (
-        RINGING.advance,
+        replace(MODEL, dynamics=SLOW).advance,
         (({"x": [1.0], "state": states()}, "and this one has a resonance at 11 Hz with damping 2 %"),),
     ),
     **{
@@ -405,12 +448,14 @@ OF: dict[str, tuple[Callable[..., object], tuple[tuple[dict[str, Any], str], ...
             ({"x": Recording.from_arrays(X, X, T)}, "sampling period is 0.001 s, but that of the structure is 0.005 s"),
         ),
     ),
-    "identification of creep": (
+    "identification of creep and dynamics": (
         partial(identify, Recording.from_arrays(X, X, 5e-3), n=2, m=1),
         (
+            ({"creep_rates": (1.0, 1e9)}, r"^arrays: a creep rate of 1e[+]09 per second is above the sampling"),
+            ({"dynamics": "guess"}, "dynamics must be one of estimate, ignore, not 'guess'"),
             (
-                {"creep_rates": (1.0, 1e9)},
-                r"^arrays: a creep rate of 1e[+]09 per second is above the sampling",
+                {"dynamics": Dynamics((5000.0,), (0.01,), (1.0,), 0.0)},
+                "the resonance at 5000 Hz is above 35 % of the sampling rate",
             ),
         ),
     ),

@@ -101,6 +101,7 @@ def test_few_counted_samples_and_a_single_branch_are_reported() -> None:
     report = identify(made, skip=2000).report
     findings = " ".join(report["findings"])
     assert "Only 1000 of 3000 samples are counted" in findings
+    assert report["fit"]["skipped_max_percent"] < 10.0
     assert "almost a single branch" in findings
     assert "determines none of hysteresis, creep and drift" in report["drive"]["sentence"]
     assert not report["drive"]["hysteresis"]

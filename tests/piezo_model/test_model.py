@@ -22,7 +22,6 @@ from piezo_model import (
     ModelError,
     ModelStructure,
     OperatorState,
-    StructureError,
     identify,
 )
 from piezo_model.atomic_file import write_text
@@ -153,12 +152,9 @@ def test_a_second_after_a_step_creep_has_its_closed_form_at_every_sampling_rate(
     assert (same.report["sample_time_s"], same.sensor_delay_s) == (5e-3, 0.01)
 
 
-def test_a_model_is_itself_at_its_own_rate_and_refuses_one_that_does_not_exist(model: HysteresisCreepModel) -> None:
+def test_a_model_is_itself_at_its_own_rate(model: HysteresisCreepModel) -> None:
     own = model.structure.sample_time
     assert model.at(own) is model.at(own * (1.0 + 1e-9)) is model
-    for wrong in (0.0, -1.0, math.nan, math.inf):
-        with pytest.raises(StructureError, match=r"sample_time must be from 1e-09 to 1e\+09, not"):
-            model.at(wrong)
 
 
 def test_a_sample_that_is_not_a_number_moves_no_state(model: HysteresisCreepModel) -> None:

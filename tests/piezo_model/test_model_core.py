@@ -103,7 +103,7 @@ HOSTILE = [np.array([value]).view(np.uint8) for value in (-1, 2**31 - 1, 2**62, 
 
 
 def restored_or_refused(kind: str) -> tuple[int, int]:
-    """Numbers of damaged memories that a learner or bank refuses, and with which it runs inside the limits, of 300."""
+    """Numbers of damaged memories that a learner or bank refuses, and with which it runs inside the limits, of 200."""
     random, refused, plant = np.random.default_rng(0), 0, sensor()
     y = np.linspace(*plant.y_range, 1500)[np.abs(np.arange(3000) % 400 - 200) * 7]
     if kind == "bank":
@@ -114,7 +114,7 @@ def restored_or_refused(kind: str) -> tuple[int, int]:
         run = one.replay
     run(y, 0.9 * y)
     good = one.get_state()
-    for _ in range(300):
+    for _ in range(200):
         damaged = copy.deepcopy(good)
         core = damaged.get("learning", damaged)["core"]
         for _ in range(int(random.integers(1, 4))):
@@ -129,7 +129,7 @@ def restored_or_refused(kind: str) -> tuple[int, int]:
         low, high = plant.x_range
         assert np.all((x >= low) & (x <= high)), "the drive left its limits"
         one.restore(good)
-    return refused, 300 - refused
+    return refused, 200 - refused
 
 
 @pytest.mark.parametrize("kind", [*MODES, "bank"])

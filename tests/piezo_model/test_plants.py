@@ -6,6 +6,7 @@ import pytest
 from driven_plants import NAMES, TS, bare, every_plant, ramp, volts, walk
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from programs import ALL
 from ringing_stage import RingingStage, T, steps
 
 from piezo_model import DataBasis, Dynamics, ModelStructure, plants
@@ -41,7 +42,7 @@ def test_the_folder_is_the_registry():
 
 
 @contract
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=25 if ALL else 8, deadline=None)
 @given(cuts=st.lists(st.integers(0, 600), max_size=6), seed=st.integers(0, 1000))
 def test_a_run_in_chunks_and_single_steps_equals_one_run_bit_for_bit_and_another_after_a_reset(make, name, cuts, seed):
     x, plant = walk(0.6, seed), make(name)
@@ -66,7 +67,7 @@ def test_a_bad_drive_is_refused_in_one_sentence_and_changes_nothing(make, name, 
 
 
 @every_plant
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25 if ALL else 12, deadline=None)
 @given(turns=st.lists(st.floats(-100.0, 300.0), min_size=1, max_size=12))
 def test_the_displacement_stays_in_its_range_whatever_the_drive(name, turns):
     assert np.abs(bare(name).run(ramp(0.0, *turns))).max() <= 20.0 + 1e-9
@@ -118,7 +119,7 @@ def test_the_displacement_creeps_by_a_few_percent_and_by_about_as_much_each_deca
 
 
 @every_plant
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25 if ALL else 12, deadline=None)
 @given(turns=st.lists(volts, min_size=1, max_size=8))
 def test_every_branch_is_strictly_monotone(name, turns):
     x = ramp(0.0, *turns, 0.0, 150.0)
@@ -129,7 +130,7 @@ def test_every_branch_is_strictly_monotone(name, turns):
 
 
 @every_plant
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25 if ALL else 12, deadline=None)
 @given(turns=st.lists(volts, min_size=2, max_size=8))
 def test_hysteresis_without_creep_does_not_know_the_speed(name, turns):
     slow, fast = (plants.get(name, creep_share=0.0).run(ramp(0.0, *turns, per_ramp=count)) for count in (300, 100))

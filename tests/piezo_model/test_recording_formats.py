@@ -18,8 +18,8 @@ from command_line import python
 from recording_files import N, X, Y, refusal
 from recording_files import workbook as table_workbook
 
-from piezo_model.recordings import Recording, RecordingError, formats
-from piezo_model.recordings.array_table import Arrays, table_of
+from piezo_model.recordings import Recording, formats
+from piezo_model.recordings.array_table import Arrays
 
 PERIOD = 5e-4
 T = np.arange(N) * PERIOD
@@ -338,19 +338,41 @@ def test_a_file_that_was_read_can_be_written_again(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("write", "sentence"),
+    ("write", "options", "sentence"),
     [
         (
+            lambda path: pq.write_table(pa.table({name: pa.array([], pa.float64()) for name in "tuy"}), path),
+            {},
+            "has no data rows",
+        ),
+        *(
+            (
+                lambda path, u=u: pq.write_table(pa.table({"t": [0, 1, 2], "u": u, "y": [1.0, 2.0, 4.0]}), path),
+                options,
+                sentence,
+            )
+            for u, options, sentence in (
+                ([1, None, 3], {}, "column 'u' is missing in data row 2"),
+                (["1", "2", "3"], {}, "cannot tell which column is the input"),
+                (["1", "2", "3"], {"input": "u"}, "column 'u' holds values of type"),
+                ([True, False, True], {}, "cannot tell which column is the input"),
+                ([True, False, True], {"input": "u"}, "column 'u' holds values of type"),
+            )
+        ),
+        (
             lambda path: path.write_bytes(b"MDF     4.10    amdf8829\0\0\0\0\x9a\x01".ljust(4096, b"\0")),
+            {},
             "is neither plain text nor in a format that is read: Parquet, Arrow, NumPy, HDF5, MATLAB, Excel",
         ),
         (
             hdf5({"t": T, "u": X, "y": np.round(1e3 * Y)}, {"y": {"scale_factor": 1e-3}}),
+            {},
             "cannot tell which column is the output; its columns are 't', 'u'; name it with --output",
         ),
         *(
             (
                 lambda path, make=make: make(path, cube=np.zeros((4, 5, 6)), spectrum=X + 1j * Y),
+                {},
                 f"it holds 'cube' (4 x 5 x 6, float64), 'spectrum' ({N}, complex128); save real arrays",
             )
             for make in (
@@ -366,28 +388,23 @@ def test_a_file_that_was_read_can_be_written_again(tmp_path: Path) -> None:
                     for name, values, period in (("Drive", X, PERIOD), ("Sensor", Y, 2 * PERIOD))
                 ]
             ),
+            {},
             "'Drive' and 'Sensor' are sampled every 0.0005 and 0.001 s; resample one of them",
         ),
     ],
-    ids=["another format", "scaled", "NumPy", "HDF5", "MATLAB", "TDMS"],
+    ids=range(12),
 )
-def test_a_file_that_is_no_recording_is_refused_with_what_it_holds_or_what_is_read(
-    tmp_path: Path, write: Callable[[Path], object], sentence: str
+def test_a_file_without_columns_or_rows_of_numbers_is_refused_with_what_it_holds_or_what_is_read(
+    tmp_path: Path, write: Callable[[Path], object], options: dict[str, str], sentence: str
 ) -> None:
     write(tmp_path / "stage.bin")
-    assert sentence in refusal(tmp_path / "stage.bin")
+    assert sentence in refusal(tmp_path / "stage.bin", **options)
 
 
 def test_a_mistake_in_a_reader_is_not_called_a_damaged_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("piezo_model.recordings.formats.libraries.PROPERTIES", None)
     with pytest.raises(TypeError):
         Recording.open(made(tmp_path, "TDMS waveform"))
-
-
-@pytest.mark.parametrize("period", [0.0, -1e-3, np.nan])
-def test_an_invalid_sampling_period_is_refused(tmp_path: Path, period: float) -> None:
-    with pytest.raises(RecordingError, match="the sampling period must be from"):
-        table_of(tmp_path / "stage.rec", Arrays("a format", {"u": X, "y": Y}, periods=period))
 
 
 @pytest.mark.parametrize("name", TIMES)

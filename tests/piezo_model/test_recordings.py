@@ -214,29 +214,6 @@ def test_a_stream_that_was_cut_before_its_first_rows_is_refused(tmp_path: Path) 
     assert "has no data rows" in refusal(path)
 
 
-@pytest.mark.parametrize(
-    ("columns", "options", "sentence"),
-    [
-        ({name: pa.array([], pa.float64()) for name in "tuy"}, {}, "has no data rows"),
-        ({"u": [1, None, 3]}, {}, "column 'u' is missing in data row 2"),
-        *(
-            ({"u": values}, options, sentence)
-            for values in (["1", "2", "3"], [True, False, True])
-            for options, sentence in (
-                ({}, "cannot tell which column is the input"),
-                ({"input": "u"}, "column 'u' holds values of type"),
-            )
-        ),
-    ],
-)
-def test_a_parquet_file_without_rows_or_of_other_values_than_numbers_is_refused(
-    tmp_path: Path, columns: dict[str, object], options: dict[str, str], sentence: str
-) -> None:
-    others = {} if "t" in columns else {"t": [0, 1, 2], "y": [1.0, 2.0, 4.0]}
-    pq.write_table(pa.table({**others, **columns}), tmp_path / "s.parquet")
-    assert sentence in refusal(tmp_path / "s.parquet", **options)
-
-
 @pytest.mark.parametrize("kind", ["int16", "uint64", "float16", "float32", "decimal"])
 def test_parquet_numbers_of_any_type_are_read(tmp_path: Path, kind: str) -> None:
     values = (

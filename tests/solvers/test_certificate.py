@@ -179,8 +179,11 @@ def test_a_bound_touched_with_zero_multiplier_is_certified_either_way() -> None:
             verify(problem, replace(proof, lower=lower, upper=upper))
     still = DoubleProblem.of(Problem(ZERO2, np.zeros(2), lb=np.zeros(2)))
     assert [i for _, i in still.guess(np.zeros(2))] == [0, 1]  # without gradient and curvature it stays where it is
-    among_rows, found = BY_HAND["an equality and general rows"]
-    assert DoubleProblem.of(among_rows).guess(np.array(found["x"])) == [(Kind.ROW, 0)]
+    # at the row and the upper bound, where x_1 alone is free and the multiplier of the row is 1
+    held = Problem(
+        I2, np.array([-3.0, -2.0]), np.ones((1, 2)), np.full(1, 2.0), lb=np.array([-9.0, 0.75]), ub=np.array([1.0, INF])
+    )
+    assert DoubleProblem.of(held).guess(np.ones(2)) == [(Kind.UPPER, 0), (Kind.ROW, 0)]
 
 
 INFEASIBLE: list[tuple[dict[str, np.ndarray], str]] = [

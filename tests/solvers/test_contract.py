@@ -370,6 +370,8 @@ def test_after_a_refused_update_nothing_is_answered_until_its_arrays_come_again_
         ("projected_difference", {"steps": 1.5}, "projected_difference: steps must be a whole number from 0 to"),
         ("projected_difference", {"tolerance": -1.0}, "tolerance must be a number of at least 0, not -1.0"),
         ("projected_difference", {"step_ratio": np.nan}, "step_ratio must be a number of at least 0"),
+        ("projected_difference", {"step_ratio": 1.0}, "step_ratio must lie between 0 and 1"),
+        ("projected_difference", {"step_ratio": 0.0, "allow_divergence": True}, "step_ratio"),
         ("accelerated_projection", {"tolerance": -1.0}, "tolerance must be a number of at least 0, not -1.0"),
         ("accelerated_projection", {"tolerance": None}, "tolerance must be a number of at least 0, not None"),
         ("accelerated_projection", {"diagonal_scaling": 1}, "diagonal_scaling must be True or False, not 1"),
