@@ -47,12 +47,13 @@ def inside(x: Array, lb: Array, ub: Array) -> bool:
     return bool(((lb <= x) & (x <= ub)).all())
 
 
-def gap(problem: Problem, x: Array, least: float = 0.0) -> float:
-    """Exact cost above the certified optimum, relative to the optimum, or to ``least`` if that is larger."""
-    problem = Problem((problem.P + problem.P.T) / 2, problem.q, lb=problem.lb, ub=problem.ub)
+def relative_gap(P: Array, q: Array, lb: Array, ub: Array, x: Array, least: float = 1e-3) -> float:
+    """(f(x) − f*) / max(|f*|, least |q|ᵀ|x|), every sum exact, of an answer within its bounds."""
+    assert inside(x, lb, ub)
+    problem = Problem((P + P.T) / 2, q, lb=lb, ub=ub)
     proof = certify(problem, x)
-    found = exact_cost_gap(problem, proof, x)
-    return found.absolute / max(abs(proof.value_rounded), least) if least else found.relative
+    size = max(abs(proof.value_rounded), least * float(np.abs(q) @ np.abs(x)), 1e-300)
+    return exact_cost_gap(problem, proof, x).absolute / size
 
 
 def many_weak_rows() -> Problem:

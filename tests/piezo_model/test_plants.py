@@ -30,8 +30,9 @@ def measured(name):
     )
 
 
-PLANTS = [*((make, name) for make in (bare, measured) for name in NAMES), (flexed, 0.5 * T)]
-contract = pytest.mark.parametrize(("make", "name"), PLANTS)
+contract = pytest.mark.parametrize(
+    ("make", "name"), [*((make, name) for make in (bare, measured) for name in NAMES), (flexed, 0.5 * T)]
+)
 
 
 def test_the_folder_is_the_registry():

@@ -78,12 +78,18 @@ def test_the_compiled_answers_are_those_of_the_direct_lane(name: str, form: str,
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_library_has_the_ladder_and_the_description_of_its_direct_lane(name: str) -> None:
+def test_a_library_has_the_ladder_and_the_description_of_its_direct_lane_which_is_meant_by_its_name_alone(
+    name: str,
+) -> None:
     compiled, direct = (type(solver) for solver in both(name))
     assert (compiled.lane, compiled.distribution) == (Lane.KERNEL, name)
     assert compiled.ladder(0.2) == direct.ladder(0.2)
     for part in ("name", "algorithm", "licence", "warm_startable", "fixed_settings"):
         assert getattr(compiled, part) == getattr(direct, part)
+    assert solvers.find(name).module == f"solvers.direct.{name}"
+    assert solvers.find(name, Lane.KERNEL).times_itself
+    assert [(entry.name, entry.lane) for entry in solvers.entries()].count((name, Lane.DIRECT)) == 1
+    assert solvers.find("box_active_set").lane is Lane.KERNEL
 
 
 def test_the_settings_of_daqp_are_at_their_offsets() -> None:
@@ -136,14 +142,6 @@ def test_the_memory_of_a_library_is_freed_with_its_solver(name: str) -> None:
             compiled.solve()
         resident_kb.append(4 * int(Path("/proc/self/statm").read_text().split()[1]))
     assert resident_kb[1] - resident_kb[0] < 10_000  # each of 110 has 120 kB and more
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_a_library_that_is_named_without_a_lane_is_that_of_its_own_interface(name: str) -> None:
-    assert solvers.find(name).module == f"solvers.direct.{name}"
-    assert solvers.find(name, Lane.KERNEL).times_itself
-    assert [(entry.name, entry.lane) for entry in solvers.entries()].count((name, Lane.DIRECT)) == 1
-    assert solvers.find("box_active_set").lane is Lane.KERNEL
 
 
 @pytest.mark.parametrize("name", NAMES)
