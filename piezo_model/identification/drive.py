@@ -75,7 +75,8 @@ def identifiability_of(recording: Recording, skip: int, evidence: CreepEvidence)
 
 
 def level_count(x: Vector) -> int:
-    """Number of levels of a staircase (N,), at most MOST_LEVELS; 0 for any other drive.
+    """Number of levels of a staircase (N,), from 2 to MOST_LEVELS, between which a pulse moves too; 0 for any other
+    drive.
 
     Examples
     --------
@@ -83,7 +84,7 @@ def level_count(x: Vector) -> int:
     (2, 0)
     """
     counts = np.sort(np.histogram(x, BINS)[0])[::-1]
-    levels = 1 + int(np.searchsorted(np.cumsum(counts), (1.0 - ELSEWHERE) * x.size))
+    levels = 2 + int(np.searchsorted(np.cumsum(counts)[1:], (1.0 - ELSEWHERE) * x.size))
     return levels if levels <= MOST_LEVELS else 0
 
 

@@ -117,7 +117,7 @@ class FitReport:
                 "The output falls as the input rises; model, inverse and compensator have this sign.",
             ),
             (
-                not self.hysteresis,
+                self.drive.hysteresis and not self.hysteresis,
                 "No hysteresis: the data lie on a single curve, with an RMS error of "
                 f"{percent(fit.line_percent)} for a line, {percent(fit.cubic_percent)} for a cubic and "
                 f"{percent(fit.rms_percent)} for this model.",

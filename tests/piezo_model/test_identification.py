@@ -334,6 +334,14 @@ def test_few_levels_are_said_not_to_determine_hysteresis_and_bound_the_orders_th
     assert not model.report["drive"]["hysteresis"]
 
 
+def test_a_single_pulse_is_two_levels_between_which_no_absence_of_hysteresis_is_said() -> None:
+    x = np.where(np.arange(1000) == 500, 100.0, 0.0)
+    noise = np.random.default_rng(0).normal(0.0, 0.02, x.size)
+    model = identify(Recording.from_arrays(x, plants.get("maxwell_slip", sample_time=1e-3).run(x) + noise, 1e-3))
+    assert sentences(model, "The drive has 2 levels and hardly any samples between them")
+    assert not sentences(model, "No hysteresis")
+
+
 def test_rounding_errors_choose_no_orders_of_an_exact_line() -> None:
     x = DRIVES["tones"][:2000]
     lines = [factor * (0.3 * x + 3.0) for factor in (1.0, 1.0 - 1e-14, 1.0 + 1e-14)]
