@@ -163,16 +163,21 @@ def applicable(*sentences: tuple[object, object]) -> Iterator[str]:
 
 
 def is_monotonic(x: Vector) -> bool:
-    """Whether a drive (N,) is nearly a single branch: it never crosses a share of its range, COVERED, both ways.
+    """Whether a drive (N,) is nearly a single branch: it never crosses a share of its range, COVERED, both ways, or
+    has its samples of one way nearly in one place, as a sawtooth.
 
     Examples
     --------
     >>> swing = np.sin(np.linspace(0.0, 60.0, 3000))
     >>> is_monotonic(swing), is_monotonic(np.concatenate([np.linspace(-1.0, 1.0, 3000), 1.0 - 0.1 * swing]))
     (False, True)
+    >>> is_monotonic(np.arange(3000) % 100)
+    True
     """
-    rise, fall = (float(np.max(way - np.minimum.accumulate(way))) for way in (x, -x))
-    return min(rise, fall) < COVERED * float(np.ptp(x))
+    covered = (np.max(way - np.minimum.accumulate(way)) for way in (x, -x))
+    falls = np.diff(x, prepend=x[:1]) < 0.0
+    sampled = (np.ptp(x[falls]) if falls.any() else 0.0, np.ptp(x[~falls]))
+    return bool(min(*covered, *sampled) < COVERED * np.ptp(x))
 
 
 def roughness(u: Vector) -> float:

@@ -222,9 +222,9 @@ def clock_jitter(s: Signals) -> str | None:
 
 
 def unexplained(s: Signals) -> str | None:
-    """An error far above the noise."""
-    error = s.v - s.model
-    rms, noise = np.sqrt(np.mean(error**2)), np.sqrt(np.median(np.diff(error, 3) ** 2) / (20.0 * MEDIAN)) + EXACT
+    """An error far above the noise and the rounding of the output."""
+    error, rounding = s.v - s.model, _quantum(s.v) ** 2 / 12.0
+    rms, noise = np.sqrt(np.mean(error**2)), np.sqrt(np.median(np.diff(error, 3) ** 2) / (20.0 * MEDIAN) + rounding)
     return (
         f"The model leaves {percent(100.0 * rms)} of the range, {rms / noise:.2g} times the noise, which is none of "
         "the known faults."

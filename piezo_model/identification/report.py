@@ -129,8 +129,8 @@ class FitReport:
             ),
             (
                 verdict.monotonic_drive,
-                "The counted samples are almost a single branch: the drive hardly reverses, so hysteresis can "
-                "barely be distinguished from curvature; record a few complete loops.",
+                "The counted samples are almost a single branch, so hysteresis can barely be distinguished from "
+                "curvature; record a few complete loops.",
             ),
             (
                 unreached,

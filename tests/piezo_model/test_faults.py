@@ -92,6 +92,11 @@ def test_an_error_that_no_fault_explains_has_a_sentence_without_a_name() -> None
     assert "none of the known faults" in str(unexplained(left))
 
 
+def test_the_rounding_of_an_output_with_few_values_is_its_noise() -> None:
+    u = drive(np.random.default_rng(0), K.size, 1)
+    assert unexplained(signals(u, np.round(10.0 * u) / 10.0, u)) is None
+
+
 @pytest.mark.parametrize("factor", [1.0, 1.0 + 1e-14])
 def test_a_fault_is_a_finding_of_a_model_and_part_of_a_refusal(factor: float) -> None:
     rng = np.random.default_rng(2)

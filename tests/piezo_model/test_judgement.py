@@ -95,6 +95,14 @@ def test_loops_that_are_smaller_than_the_noise_of_the_sensor_give_a_model(seed: 
     assert np.std(model.simulate(u) - clean) < 0.01 * np.ptp(clean)
 
 
+def test_a_sawtooth_shows_one_branch_of_the_loop_and_is_not_said_to_determine_hysteresis() -> None:
+    u = np.resize(np.linspace(-1.0, 1.0, 300), 3000)
+    rng = np.random.default_rng(0)
+    report = identify(Recording.from_arrays(u, noisy(rng, loops(rng, u), 0.001), SAMPLE_TIME)).report
+    assert "almost a single branch" in " ".join(report["findings"])
+    assert not report["drive"]["hysteresis"]
+
+
 def test_few_counted_samples_and_a_single_branch_are_reported() -> None:
     u = np.linspace(-1.0, 1.0, 3000)
     rng = np.random.default_rng(0)
