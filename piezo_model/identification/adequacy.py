@@ -8,7 +8,7 @@ falls and rises again are refused by their names. A refusal is one sentence.
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
@@ -117,9 +117,11 @@ class Adequacy:
 
 
 def check_adequacy(recording: Recording, fitted: ForwardFit, skip: int, fit: Fit, dynamics_ignored: bool) -> Adequacy:
-    """Compare a fit with a line, and look for faults, beside which a butterfly has no name."""
+    """Compare a fit with a line, and look for faults, beside which a butterfly has no name. An output that is not
+    counted is that of the model."""
     s, counted = fitted.structure, slice(skip, HEAD + first_motion(recording, skip))
     y_model = s.y_centre + s.y_scale * fitted.y_model
+    recording = replace(recording, y=np.where(recording.uncounted, y_model, recording.y))
     signals = Signals.of(recording, y_model, skip, math.copysign(fit.span, s.y_scale))
     faults = faults_of(signals)
     u, v = s.unit_input(recording.x[counted]), recording.y[counted] / fit.span
@@ -128,7 +130,7 @@ def check_adequacy(recording: Recording, fitted: ForwardFit, skip: int, fit: Fit
     error, line = (max(percents / 100.0, FLOOR) for percents in (expected, fit.line_percent))
     own = v - y_model[counted] / fit.span
     follows = line < FOLLOWS * float(v.std())
-    noise = follows and (line == FLOOR or correlation(own) < WHITE)
+    noise = follows and (line == FLOOR or abs(1.0 - roughness(own)) < WHITE)
     period = 2.0 * math.pi / math.acos(1.0 - min(max(roughness(u), ROUGH), 2.0))
     reasons = applicable(
         (
@@ -181,14 +183,8 @@ def is_monotonic(x: Vector) -> bool:
 
 
 def roughness(u: Vector) -> float:
-    """1 − correlation of neighbouring samples; 1 − cos(2π/p) for a sine of p samples a period."""
+    """1 − correlation of neighbouring samples: 1 for white noise, 1 − cos(2π/p) for a sine of p samples a period."""
     return float(np.mean(np.diff(u) ** 2) / max(2.0 * u.var(), 1e-300))
-
-
-def correlation(error: Vector) -> float:
-    """Correlation of neighbouring samples, positive or negative: 0 for white noise, 1 for a slow signal."""
-    e = error - error.mean()
-    return abs(float(e[1:] @ e[:-1] / max(e @ e, 1e-300)))
 
 
 def outlier(recording: Recording, samples: slice, unit: str) -> str | None:

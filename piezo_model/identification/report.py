@@ -128,7 +128,7 @@ class FitReport:
                 "few complete loops.",
             ),
             (
-                verdict.monotonic_drive,
+                verdict.monotonic_drive and self.drive.levels != 2,
                 "The counted samples are almost a single branch, so hysteresis can barely be distinguished from "
                 "curvature; record a few complete loops.",
             ),

@@ -97,6 +97,15 @@ def test_the_rounding_of_an_output_with_few_values_is_its_noise() -> None:
     assert unexplained(signals(u, np.round(10.0 * u) / 10.0, u)) is None
 
 
+def test_outputs_that_are_missing_while_the_stage_moves_leave_no_error() -> None:
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.integers(0, 9, 100) / 9.0, 20)
+    y = noisy(rng, u, 1e-3)
+    y[200:500] = np.nan
+    model = identify(Recording.from_arrays(u, y, SAMPLE_TIME), n=1, m=0)
+    assert not any("none of the known faults" in finding for finding in model.report["findings"])
+
+
 @pytest.mark.parametrize("factor", [1.0, 1.0 + 1e-14])
 def test_a_fault_is_a_finding_of_a_model_and_part_of_a_refusal(factor: float) -> None:
     rng = np.random.default_rng(2)
