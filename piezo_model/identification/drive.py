@@ -82,10 +82,12 @@ def level_count(x: Vector) -> int:
     --------
     >>> level_count(np.repeat([0.0, 1.0, 0.0, 1.0], 500)), level_count(np.linspace(0.0, 1.0, 2000))
     (2, 0)
+    >>> level_count(np.sin(np.arange(16)))
+    0
     """
     counts = np.sort(np.histogram(x, BINS)[0])[::-1]
     levels = 2 + int(np.searchsorted(np.cumsum(counts)[1:], (1.0 - ELSEWHERE) * x.size))
-    return levels if levels <= MOST_LEVELS else 0
+    return levels if levels <= min(MOST_LEVELS, x.size // 2) else 0  # a level is held
 
 
 def orders_within(x: Vector, n: int, m: int) -> tuple[int, int]:
