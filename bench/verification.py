@@ -2,8 +2,9 @@
 
 The certificates are replayed from the data of the problems; the first answer of each row, and the worst judged timed
 one on the data of its draw, have to give the stored gaps, violations and errors of the model, and a worst one that
-misses a tier is among the misses that are counted. This shows that these follow from stored answers. It does not show
-who gave the answers, nor that statuses, iterations or times are true.
+misses a tier is among the misses that are counted. A row without a timed answer is one of a failure, or of a program
+whose fresh data have no proof. This shows that these follow from stored answers. It does not show who gave the answers,
+nor that statuses, iterations or times are true.
 """
 
 import math
@@ -14,7 +15,7 @@ import numpy as np
 
 from bench.derived.tiers import TOLERANCE
 from bench.messages.task import Progress, Status
-from bench.problems.fresh import mixture
+from bench.problems.fresh import FreshData, mixture
 from bench.problems.protocol import RaceProblem
 from bench.race_table import MISSES
 from bench.races.metrics import measures, timed_measures
@@ -64,11 +65,16 @@ def _wrong(problem: RaceProblem, row: dict[Any, Any]) -> Iterator[str]:
     is_judged = row["status"] == Status.ANSWERED and answer.shape == form.qp.q.shape and np.isfinite(answer).all()
     yield from _differences(row, measures(problem, form, answer) if is_judged else dict.fromkeys(FIRST, math.nan))
     if row["timed_call"] < 0:
-        yield from _differences(row, dict.fromkeys(TIMED, math.nan))
+        yield from _differences(row, dict.fromkeys(TIMED, math.nan) | dict.fromkeys(("judged", *MISSES.values()), 0))
+        if (is_judged or row["samples"]) and FreshData(form, 1).certified(0):
+            yield "its timed answers are missing"
         return
     for tier, name in MISSES.items():
-        if not (row["timed_gap"] > TOLERANCE[tier]) <= row[name] <= row["judged"]:
-            yield f"{name} is {row[name]} of {row['judged']} judged answers, and its timed gap {row['timed_gap']:.3g}"
+        if not (row["timed_gap"] > TOLERANCE[tier]) <= row[name] <= row["judged"] <= row["samples"]:
+            yield (
+                f"{name} is {row[name]} of {row['judged']} judged answers to {row['samples']} calls, and its timed gap "
+                f"{row['timed_gap']:.3g}"
+            )
     shares, factors, answer = (
         np.array(row[key], dtype=np.float64) for key in ("timed_shares", "timed_factors", "timed_answer")
     )

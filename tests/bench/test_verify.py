@@ -14,7 +14,9 @@ from small_races import Race, race_of
 
 from bench.derived.summary import misses
 from bench.problem_files.miss import Miss
+from bench.race_table import MISSES
 from bench.races.runs import write
+from bench.verification import TIMED
 from solvers import Lane, get
 
 
@@ -24,15 +26,23 @@ def test_an_honest_run_agrees_in_every_row(piezobench: CommandLine, clean_race: 
     assert min(map(int, judged.groups())) > 0.8 * len(clean_race.rows)
 
 
-def edited(column: str, value: Callable[[pd.Series], object]) -> Callable[[pd.DataFrame], pd.DataFrame]:
-    """A change of one column in the row of an ordinary answer."""
+def edited(**values: Callable[[pd.Series], object]) -> Callable[[pd.DataFrame], pd.DataFrame]:
+    """A change of some columns in the row of an ordinary answer."""
 
     def change(rows: pd.DataFrame) -> pd.DataFrame:
         at = rows.index[(rows.solver == "osqp") & rows.is_default & (rows.timed == "hot")][0]
-        rows.at[at, column] = value(rows.loc[at])
+        for column, value in values.items():
+            rows.at[at, column] = value(rows.loc[at])
         return rows
 
     return change
+
+
+FORGOTTEN = {
+    "timed_call": lambda row: -1,
+    **dict.fromkeys(TIMED, lambda row: np.nan),
+    **dict.fromkeys(MISSES.values(), lambda row: 0),
+}
 
 
 def with_answers_exchanged(rows: pd.DataFrame) -> pd.DataFrame:
@@ -45,21 +55,25 @@ def with_answers_exchanged(rows: pd.DataFrame) -> pd.DataFrame:
 @pytest.mark.parametrize(
     ("change", "why"),
     [
-        (edited("cost_gap", lambda row: row.cost_gap / 2.0), "its cost gap is"),
-        (edited("violation", lambda row: row.violation + 1e-16), "its violation is"),
-        (edited("weight_error", lambda row: row.weight_error + 1e-6), "its weight error is"),
-        (edited("model_error_percent", lambda row: 0.0), "its model error percent is"),
-        (edited("stage_excess", lambda row: 0.0), "its stage excess is"),
-        (edited("timed_stage_excess", lambda row: 0.0), "its timed stage excess is"),
-        (edited("timed_gap", lambda row: 0.0), "its timed gap is 0 in the run"),
-        (edited("timed_gap", lambda row: np.nan), "its timed gap is nan in the run"),
-        (edited("timed_answer", lambda row: row.timed_answer * (1.0 + 1e-9)), "its timed"),
-        (edited("timed_shares", lambda row: np.roll(row.timed_shares, 1)), "its timed gap is"),
-        (edited("timed_shares", lambda row: row.timed_shares[:-1]), "the draw of its timed answer does not fit"),
-        (edited("misses_exact", lambda row: 0), "misses_exact is 0 of"),
-        (edited("misses_low", lambda row: row.judged + 1), "judged answers, and its timed gap"),
-        (edited("digest", lambda row: "0" * 16), "its digest does not match the stored problem"),
-        (edited("answer", lambda row: ()), "and nan from its answer"),
+        (edited(cost_gap=lambda row: row.cost_gap / 2.0), "its cost gap is"),
+        (edited(violation=lambda row: row.violation + 1e-16), "its violation is"),
+        (edited(weight_error=lambda row: row.weight_error + 1e-6), "its weight error is"),
+        (edited(model_error_percent=lambda row: 0.0), "its model error percent is"),
+        (edited(stage_excess=lambda row: 0.0), "its stage excess is"),
+        (edited(timed_stage_excess=lambda row: 0.0), "its timed stage excess is"),
+        (edited(timed_gap=lambda row: 0.0), "its timed gap is 0 in the run"),
+        (edited(timed_gap=lambda row: np.nan), "its timed gap is nan in the run"),
+        (edited(timed_answer=lambda row: row.timed_answer * (1.0 + 1e-9)), "its timed"),
+        (edited(timed_shares=lambda row: np.roll(row.timed_shares, 1)), "its timed gap is"),
+        (edited(timed_shares=lambda row: row.timed_shares[:-1]), "the draw of its timed answer does not fit"),
+        (edited(misses_exact=lambda row: 0), "misses_exact is 0 of"),
+        (edited(misses_low=lambda row: row.judged + 1), "judged answers to"),
+        (edited(judged=lambda row: row.samples + 1), "judged answers to"),
+        (edited(timed_call=lambda row: -1), "its timed gap is"),
+        (edited(**FORGOTTEN), "its judged is"),
+        (edited(**FORGOTTEN, judged=lambda row: 0), "its timed answers are missing"),
+        (edited(digest=lambda row: "0" * 16), "its digest does not match the stored problem"),
+        (edited(answer=lambda row: ()), "and nan from its answer"),
         (with_answers_exchanged, "its cost gap is"),
     ],
 )
@@ -126,8 +140,15 @@ def race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> R
         "--rounds",
         0,
     )
-    files = ("--solver", folder / "sometimes.py", "--solver", folder / "right.py")
-    return race_of(piezobench, folder, "run", *words, "--lane", "direct", "--solver", "daqp", *files)
+    return race_of(
+        piezobench,
+        folder,
+        "run",
+        *words,
+        "--lane",
+        "direct",
+        *("--solver", "daqp", "--solver", folder / "sometimes.py", "--solver", folder / "right.py"),
+    )
 
 
 def test_each_lane_that_misses_some_problems_has_its_worst_miss_kept(race: Race) -> None:
