@@ -13,7 +13,8 @@ gaps are the largest of all rows; a row that was not run counts only if none was
 
 *Hot* calls follow each other directly, and a longer measurement of them replaces a shorter one. *Interleaved* calls
 alternate with those of other solvers, and find the caches that these left. *Scheduled* calls come at 8 kHz, as in a
-controller (`bench.derived.schedule`). A percentile of a solver is taken over all
+controller (`bench.derived.schedule`). Both count as no shorter than the median of hot ones, whose processor time is
+checked over many calls. A percentile of a solver is taken over all
 its calls on all the problems in question.
 """
 
@@ -84,12 +85,15 @@ class Measurements:
     def calls(self) -> dict[tuple[str, str], Microseconds]:
         """Times of an answer in all calls of that host, by task and by HOT or INTERLEAVED."""
         rows = self.all_rows[(self.all_rows.host == self.host) & (self.all_rows.samples > 0)]
+        hot_us = self.rows.set_index("task").answer_us
         raw = self.raw_times.set_index([*MEASUREMENT, "what"]).ns.unstack().reset_index()
         times: dict[tuple[str, str], list[Microseconds]] = {}
         for line in rows[~_is_replaced(rows)].merge(raw, on=MEASUREMENT).to_dict("records"):
             timed = line["timed"] if line["timed"] in (INTERLEAVED, SCHEDULED) else HOT
             us = answers_us(line["update"], line["solve"], line["cpu_us"])
-            times.setdefault((line["task"], timed), []).append(us)
+            times.setdefault((line["task"], timed), []).append(
+                us if timed == HOT else np.fmax(us, hot_us[line["task"]])
+            )
         return {key: np.concatenate(calls) for key, calls in times.items()}
 
     def pooled(self, tasks: Iterable[str], *timings: str) -> Microseconds:
@@ -177,7 +181,9 @@ def merged(rows: pd.DataFrame) -> pd.DataFrame:
         repeatable=every.repeatable.all(),
         repeats=times.size(),
         answer_us_spread=((us.max() - us.min()) / us.median()).where(times.size() > 1),
-        interleaved_us=rows[rows.timed == INTERLEAVED].groupby("task").answer_us.median(),
+        interleaved_us=rows.answer_us.clip(lower=rows.task.map(us.median()))[rows.timed == INTERLEAVED]
+        .groupby(rows.task)
+        .median(),
     )
     tasks = tasks.drop(columns=["ok", "way"]).reset_index().set_axis(answers.index).sort_index()
     return tasks[[*rows.columns, "repeats", "answer_us_spread", "interleaved_us"]]

@@ -141,7 +141,9 @@ def chosen_settings(rows: pd.DataFrame, within: float = 1.0) -> Iterator[dict[st
             **dict(zip(LANE, cast(tuple[str, ...], key), strict=True)),
             "setting": names[rungs[furthest]] if reached else "",
             "rung": rungs[furthest] if reached else -1,
-            "margin": margin(errors[:, furthest], within) if reached else math.nan,
+            "margin": max(each for each in MARGINS if each * errors[:, furthest].max() <= within)
+            if reached
+            else math.nan,
             "problems": len(errors),
             "right": int(counts[furthest]),
             "worst": lane.problem[lane.number == worst].iloc[0],
@@ -173,11 +175,6 @@ def choice(errors: NDArray[np.float64], within: float = 1.0) -> int | None:
     """
     worst = errors.max(axis=0)
     return next((int(met.argmax()) for factor in MARGINS if (met := factor * worst <= within).any()), None)
-
-
-def margin(errors: NDArray[np.float64], within: float = 1.0) -> float:
-    """The largest of MARGINS that all errors meet."""
-    return next(factor for factor in MARGINS if factor * errors.max() <= within)
 
 
 def leave_one_out(errors: NDArray[np.float64], within: float = 1.0) -> float:
