@@ -203,11 +203,12 @@ class Run:
 
     def part(self, name: str) -> PartFile:
         """What is done of a part of the race; RunError if its file is damaged."""
-        return _part(self.path / "parts" / f"{name}.arrow")
+        with refusing(RunError):
+            return PartFile(self.path / "parts" / f"{name}.arrow")
 
     def parts(self) -> list[PartFile]:
         """All parts that were begun, during the race; an interrupted write leaves a hidden file."""
-        return [_part(path) for path in sorted((self.path / "parts").glob("[!.]*.arrow"))]
+        return [self.part(path.stem) for path in sorted((self.path / "parts").glob("[!.]*.arrow"))]
 
     def rows_so_far(self) -> pd.DataFrame:
         """The rows of all finished tasks, during the race."""
@@ -291,8 +292,3 @@ class Run:
         check(path.is_file(), f"{self.path} has no {file}: the run was not finished, so resume it", RunError)
         with refusing(RunError, f"{path}: "):
             return columns.read(path, schema, key)
-
-
-def _part(path: Path) -> PartFile:
-    with refusing(RunError):
-        return PartFile(path)

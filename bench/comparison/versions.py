@@ -19,14 +19,15 @@ import numpy as np
 from scipy.stats import t as student
 
 from bench.comparison.compare import SAME, finding
-from bench.messages.task import Progress, RaceError, Task, default_setting
+from bench.messages.task import Progress, RaceError, Status, Task, default_setting
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import RaceProblem
 from bench.processes.solver_child import STANDARD, SolverChild, SolverPool, entry_of_file
 from bench.races.measuring import interleave
-from bench.races.metrics import relative_gap
+from bench.races.metrics import judge
 from bench.timing import cores
 from bench.timing.clock import answers_us
+from piezo_model.checks import check
 from solvers import Lane
 
 PAIRS = 5
@@ -70,12 +71,11 @@ def compare_versions(
     theta = np.median(np.median(np.log(us[:, :, 1] / us[:, :, 0]), axis=2), axis=1)
     mean, half = float(np.mean(theta)), float(student.ppf(0.975, PAIRS - 1) * np.std(theta, ddof=1) / PAIRS**0.5)
     medians, worst = np.median(np.median(us, axis=3), axis=(0, 1)), np.max(gaps, axis=0)
-    is_same = abs(mean) + half < math.log(smallest)
     return {
         "ratio": math.exp(mean),
         "low": math.exp(mean - half),
         "high": math.exp(mean + half),
-        "finding": SAME if is_same else finding(mean - half, mean + half, 0.0, smallest),
+        "finding": SAME if abs(mean) + half < math.log(smallest) else finding(mean - half, mean + half, 0.0, smallest),
         "us": medians.tolist(),
         "gap": worst.tolist(),
         "less_accurate": bool(worst[1] > max(EXACT, FAR * worst[0])),
@@ -93,11 +93,13 @@ def _timed(
     ]
     outcomes = interleave(tasks, children, form, FreshData(form, BLOCKS * CALLS), seed, CALLS)
     for (_, outcome), file in zip(outcomes, files, strict=True):
-        if outcome.failure or outcome.x is None:
-            raise RaceError(
-                f"{file}: failed at {problem.set_name}/{problem.name}: {outcome.failure} {outcome.message}".rstrip()
-            )
+        row = judge(problem, "scaled", outcome)
+        check(
+            row["status"] == Status.ANSWERED,
+            f"{file}: failed at {problem.set_name}/{problem.name}: {row['status']} {row['message']}",
+            RaceError,
+        )
         us = answers_us(outcome.times["update"], outcome.times["solve"]).reshape(BLOCKS, CALLS)
         times.append(np.median(us, axis=1).clip(min=1e-3))
-        gaps.append(max(relative_gap(form, outcome.x)))
+        gaps.append(max(row["cost_gap"], row["violation"]))
     return np.array(times), gaps

@@ -16,7 +16,8 @@ from bench import problems
 from bench.problems.recorded import FITTED, HELD_OUT, Recorded, held_out_recording
 from bench.races.metrics import relative_gap
 from bench.store import Run, RunError
-from piezo_model import HysteresisCreepModel, checks
+from piezo_model import HysteresisCreepModel
+from piezo_model.checks import check
 
 WORSE = 1.1
 """Largest ratio of another model's error to that of the model of the first four fifths."""
@@ -84,11 +85,10 @@ def model_for(
 def _stored(run: Run) -> ChosenModel:
     """The model that the run stores of its recording."""
     note = run.settings["models"][Recorded.name]
-    checks.check(
+    check(
         "error_percent" in note,
         f"{run.path} keeps no model of its recording, since identify refused it "
-        f"({note.get('refused', 'no reason is given')}); "
-        "give a model with --model, or name a problem with --problem",
+        f"({note.get('refused', 'no reason is given')}); give a model with --model, or name a problem with --problem",
         RunError,
     )
     model = HysteresisCreepModel.load(run.model_path(Recorded.name))
@@ -141,9 +141,9 @@ def _find_problem(run: Run, problem: str | None, simulated: bool) -> tuple[str, 
             "with --model, as identify "
             "writes it, name a problem with --problem, or take a simulated actuator with --simulated"
         )
-    checks.check(problem in keys, f"{run.path} has no problem {problem!r}; there are {', '.join(keys)}", RunError)
-    checks.check(
-        not _is_simulated(keys[problem]) or simulated,
+    check(problem in keys, f"{run.path} has no problem {problem!r}; there are {', '.join(keys)}", RunError)
+    check(
+        simulated or not _is_simulated(keys[problem]),
         f"{run.path}: {problem} is a simulated actuator; give a model with --model, or --simulated to use it anyway",
         RunError,
     )

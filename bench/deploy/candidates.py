@@ -40,6 +40,7 @@ from bench.report.words import marked, settings_label
 from bench.store import Run, RunError
 from bench.timing.percentiles import CONFIDENCE, percentile, rate_bound
 from bench.timing.schedule import PERIOD_US
+from piezo_model.checks import check
 from piezo_model.json_file import decoded
 from piezo_model.learning.settings import EXACT_SOLVERS
 from piezo_model.learning.solving import require_setting
@@ -210,11 +211,12 @@ def candidates(run: Run, rule: Rule) -> Iterator[Candidate]:
     floor = [measurements.pooled([task], timed) for task in nothing for timed in (HOT, INTERLEAVED)]
     idle = np.concatenate([np.zeros(0), *floor])
     missed = np.count_nonzero(idle > rule.deadline_us)
-    if missed > idle.size / 2:
-        raise RunError(
-            f"{run.path}: a solver that does nothing misses {missed} of {idle.size} deadlines of "
-            f"{rule.deadline_us:g} µs, so this run says nothing about them"
-        )
+    check(
+        missed <= idle.size / 2,
+        f"{run.path}: a solver that does nothing misses {missed} of {idle.size} deadlines of {rule.deadline_us:g} µs, "
+        "so this run says nothing about them",
+        RunError,
+    )
     every = measurements.all_rows[
         (measurements.all_rows.scaling == "scaled") & measurements.all_rows.lane.isin([*map(str, rule.lanes)])
     ]

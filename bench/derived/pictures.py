@@ -93,8 +93,9 @@ def _timed(measurements: Measurements) -> pd.DataFrame:
     rows = measurements.lanes[measurements.lanes.start == "cold"]
     table = named(at_tiers(rows, measurements.settings, "furthest"))
     table = table[(table.tier == Tier.HIGH) & (table.solver != PAPER)]
-    us = table.answer_us.where(table.right, np.inf).fillna(np.inf)
-    return table.assign(time_us=us, own=measurements.is_own(table))
+    return table.assign(
+        time_us=table.answer_us.where(table.right, np.inf).fillna(np.inf), own=measurements.is_own(table)
+    )
 
 
 def performance_profile(measurements: Measurements) -> pd.DataFrame:

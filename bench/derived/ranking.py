@@ -242,8 +242,7 @@ def wrapper_share(measurements: Measurements) -> pd.DataFrame:
     both = rows[rows.lane.isin([str(lane) for lane in FAMILIES])].merge(
         direct[[*same, "direct_us"]].drop_duplicates(same), on=same
     )
-    both = both.assign(ratio=both.us / both.direct_us)
-    return combined(both, WRAPPERS, ["solver", "lane", "setting"])
+    return combined(both.assign(ratio=both.us / both.direct_us), WRAPPERS, ["solver", "lane", "setting"])
 
 
 def _key(settings: str) -> str:

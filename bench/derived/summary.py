@@ -103,8 +103,9 @@ def misses(measurements: Measurements, hopeless: bool = False) -> pd.DataFrame:
     missed = judged.assign(count=~judged.right, some=judged.right, others=~measurements.is_own(judged))
     counts = missed.groupby(["solver", "lane"])[["count", "some"]].transform("sum")
     missed = missed.assign(**counts)[~judged.right & (hopeless | ~missed.others | (counts.some > 0))]
-    order = ["others", "count", "solver", "lane", "problem"]
-    return missed.fillna({"settings": "{}"}).sort_values(order, ignore_index=True)
+    return missed.fillna({"settings": "{}"}).sort_values(
+        ["others", "count", "solver", "lane", "problem"], ignore_index=True
+    )
 
 
 def worst_misses(run: Run, measurements: Measurements, most: int) -> Iterator[tuple[str, Miss]]:

@@ -1,7 +1,7 @@
 """Checked copy of a solver's report on its answer; the author of a solver may report anything.
 
-A number of iterations is an integer from 0 to 2⁵³, and a time is finite and not negative; other values count as not
-reported. The numbers of an answer and of its duals are real, or the adapter has failed.
+A number of iterations is an integer from 0 to MOST, and a time is finite and not negative; other values count as not
+reported. Duals are real numbers, or the adapter has failed.
 """
 
 import math
@@ -10,17 +10,13 @@ from typing import Any
 import numpy as np
 from qpsolvers import Solution
 
-from bench.messages.task import one_line
-from piezo_model.checks import check
-from solvers.arrays import Vector
-
-NOT_REPORTED = -1
-MOST = 2**53
+from bench.messages.task import MOST, one_line
+from solvers.arrays import reals
 
 
 def solver_info(solution: Solution) -> dict[str, Any]:
-    """A solver's report on its last answer, with its duals, by the fields of an outcome; ValueError if duals are
-    complex."""
+    """A solver's report on its last answer, with its duals, by the fields of an outcome; ValueError if duals are not
+    real numbers."""
     extras = solution.extras or {}
     count, time_us = amount(extras.get("iterations", extras.get("steps"))), amount(extras.get("reported_us"))
     duals, verdict = (
@@ -30,23 +26,10 @@ def solver_info(solution: Solution) -> dict[str, Any]:
     return {
         "found": bool(solution.found),
         "solver_status": one_line(extras.get("status") or verdict),
-        "iterations": int(count) if count <= MOST and count.is_integer() else NOT_REPORTED,
+        "iterations": int(count) if count <= MOST and count.is_integer() else -1,
         "reported_us": time_us,
-        **{name: None if dual is None else real(dual) for name, dual in duals.items()},
+        **{name: None if dual is None else np.array(reals(name, dual)) for name, dual in duals.items()},
     }
-
-
-def real(values: Any) -> Vector:
-    """Copy of numbers as an array of doubles; ValueError if they are complex.
-
-    Examples
-    --------
-    >>> real([1, 2])
-    array([1., 2.])
-    """
-    array = np.array(values)
-    check(not np.iscomplexobj(array), "answers with complex numbers")
-    return array.astype(np.float64)
 
 
 def amount(value: Any) -> float:

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
+from msgspec import Meta
 
 from piezo_model.json_file import decoded
 from solvers.protocol import Lane, Matrix, Nanoseconds, Solver, Unsupported, Vector, setting_text
@@ -41,8 +41,8 @@ PAPERS_SETTING = '{"steps": 15200}'
 """Its learning phase, with steps of half the stability limit."""
 LONGEST = 500
 """Largest number of characters of what a solver says."""
-NO_RUNG = -1
-"""Rung of a setting that is not in the ladder."""
+MOST = 2**53
+"""Largest number of iterations that a solver reports."""
 
 
 def silent(what: str, done: int, total: int) -> None:
@@ -91,9 +91,14 @@ class Status(StrEnum):
     OUT_OF_MEMORY = "out_of_memory"
     """The process was stopped at its memory limit."""
     TAMPERED = "tampered"
-    """Its process opened files of the race or of other processes, or sent an answer that was not requested."""
+    """Its process touched files of the race or of other processes, or sent an answer that was not requested."""
     NOT_RUN = "not_run"
     """A looser setting of the same solver crashed, was stopped or took too long on this problem."""
+
+
+FAILURES = (Status.UNSUPPORTED, Status.OUT_OF_MEMORY, Status.ADAPTER_FAILED)
+"""Failures that a solver's process reports itself; its parent finds the others."""
+Said = Annotated[str, Meta(max_length=LONGEST)]
 
 
 @dataclass(frozen=True)
@@ -101,8 +106,8 @@ class Setting:
     """Settings of a solver, as its ladder has them for a problem whose constant is 1."""
 
     text: str
-    rung: int = NO_RUNG
-    """Position in the ladder, from loose to tight."""
+    rung: int = -1
+    """Position in the ladder, from loose to tight; -1 for none."""
     is_default: bool = True
     """Whether these are the solver's defaults."""
     override: str = ""
@@ -178,9 +183,8 @@ class Task:
 
     def settings_for(self, cls: type[Solver], c: float) -> dict[str, Any]:
         """The solver's settings for a problem whose constant is c."""
-        if self.setting.override:
-            return decoded(self.setting.override, dict[str, Any])
-        return dict(cls.at(self.setting.text, c))
+        own = self.setting.override
+        return decoded(own, dict[str, Any]) if own else dict(cls.at(self.setting.text, c))
 
 
 def settings_ladder(solver: Described) -> Sequence[Setting]:
@@ -198,11 +202,11 @@ def default_setting(solver: Described) -> Setting:
 
 @dataclass
 class Outcome:
-    """Answer of a child process to a request."""
+    """Answer of a child process to a request. Its types limit what a process can answer."""
 
-    failure: str = ""
+    failure: Annotated[str, Meta(pattern=rf"^({'|'.join(FAILURES)})?\Z")] = ""
     """A status such as "unsupported", or "" if the request was answered."""
-    message: str = ""
+    message: Said = ""
     """Sentence about the failure."""
     found: bool = False
     """Whether the solver reports success."""
@@ -211,27 +215,25 @@ class Outcome:
     z: Vector | None = None
     z_box: Vector | None = None
     """Answer and duals by the conventions of qpsolvers."""
-    solver_status: str = ""
-    reported_us: float = float("nan")
-    iterations: int = -1
+    solver_status: Said = ""
+    reported_us: Annotated[float, Meta(ge=0.0)] | None = None
+    iterations: Annotated[int, Meta(ge=-1, le=MOST)] = -1
     mutated: bool = False
     """Whether the solver changed its input arrays."""
     repeatable: bool = True
     """Whether the same data gave the same bits again."""
     settings: Mapping[str, Any] = field(default_factory=dict)
     """The solver's settings."""
-    forbidden_actions: tuple[str, ...] = ()
-    """Sentences about forbidden actions of the process so far."""
-    preemptions: int = 0
+    preemptions: Annotated[int, Meta(ge=0, le=2**32)] = 0
     """Number of preemptions while the process was timed."""
     answers: Matrix = field(default_factory=lambda: np.zeros((0, 0)))
     """The timed answers. Shape (n, d)."""
     first_call: int = 0
-    """The call of the first of them."""
+    """The call of the first of them, and below the processor time: both are known to the parent alone."""
     times: Mapping[str, Nanoseconds] = field(default_factory=dict)
     """Raw nanoseconds that the race saves, by name."""
-    cpu_ns: float = math.nan
-    """Processor time of the timed calls by the parent's clock, where it matters."""
+    cpu_ns: float = 0.0
+    """Processor time of the timed calls by the parent's clock, where it matters, else 0."""
 
 
 @dataclass(frozen=True)
@@ -256,6 +258,11 @@ def attempt(work: Callable[[], Outcome]) -> Outcome:
         return Outcome("out_of_memory", one_line(f"the memory limit was reached: {error}"))
     except Exception as error:  # a library may raise anything; it is recorded, and the race continues
         return Outcome("adapter_failed", one_line(f"{type(error).__name__}: {error}"))
+
+
+def plain(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings as JSON has them."""
+    return decoded(setting_text(settings), dict[str, Any])
 
 
 def one_line(text: object) -> str:

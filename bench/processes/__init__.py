@@ -1,2 +1,1 @@
-"""Work in separate processes with limits: solvers, certificates, the sentinel, and parts of a race on several
-cores."""
+"""Work in separate processes with limits: solvers, certificates, and parts of a race on several cores."""

@@ -13,6 +13,7 @@ process group of its own, so the same signal ends the processes that it has star
 import fcntl
 import multiprocessing
 import os
+import pickle
 import resource
 import signal
 import socket
@@ -23,11 +24,13 @@ import threading
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from functools import partial
 from multiprocessing import forkserver
 from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
+from bench.messages import wire
 from bench.messages.task import RaceError
 from solvers.registry import FAMILIES, Entry
 
@@ -37,6 +40,13 @@ START_LIMIT_S = 60.0
 """Time limit for a process to start and to import its modules."""
 GRACE_S = 1.0
 """Time for a process to end by itself."""
+HEADER = struct.Struct("!i")
+"""What a connection sends before a message: the number of its bytes."""
+MOST_BYTES = 2**28
+"""Largest message of a child."""
+FORBIDDEN = 77
+"""Exit status of a child that did what it must not."""
+NOT_REQUESTED = "sent an answer that was not requested"
 LAST_BYTES = 10_000
 """Length of the end of a child's output that is searched for its last line."""
 
@@ -63,11 +73,12 @@ _starting = threading.Lock()
 
 
 class LostError(Exception):
-    """The child ended before it answered; the message says how, and ``last_words`` is its last line of output."""
+    """The child ended before it answered; the message says how, and ``last_words`` is its last line of output.
+    ``status`` is FORBIDDEN if the child did what it must not."""
 
-    def __init__(self, message: str, last_words: str = "") -> None:
+    def __init__(self, message: str, last_words: str = "", status: int | None = None) -> None:
         super().__init__(message)
-        self.last_words = last_words
+        self.last_words, self.status = last_words, status
 
 
 class LateError(LostError):
@@ -77,20 +88,17 @@ class LateError(LostError):
 class Child:
     """A subprocess; it starts with the first call, and again after it was lost.
 
-    Functions, arguments and results are pickled, so a function must belong to a module. An exception ends the child.
+    Functions and arguments are pickled, so a function must belong to a module. An exception ends the child. Results are
+    pickled, too, unless the child runs code of others and is not trusted (see `bench.messages.wire`).
     """
 
-    def __init__(self) -> None:
+    def __init__(self, is_trusted: bool = True) -> None:
+        self._is_trusted = is_trusted
         self._connection: Connection | None = None
         self._lifeline: Connection | None = None
         self._log: Any = None
         self._process: Any = None
         self.is_interrupted = False
-
-    @property
-    def is_running(self) -> bool:
-        """Whether there is a process."""
-        return self._connection is not None
 
     def cpu_ns(self) -> int:
         """CPU time of all threads of the process so far, in nanoseconds; 0 if it has ended."""
@@ -110,14 +118,19 @@ class Child:
         if self._connection is None:
             warm_up()
             self._connection, lent = Pipe()
+            with socket.socket(fileno=os.dup(self._connection.fileno())) as end:  # where a child reads no request
+                end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", int(START_LIMIT_S), 0))
             alive, self._lifeline = Pipe(duplex=False)
             self._log = tempfile.TemporaryFile()  # noqa: SIM115  it has no name and need not be removed
             fcntl.fcntl(self._log, fcntl.F_SETFL, os.O_APPEND)
             with lent, alive, Connection(os.dup(self._log.fileno())) as output:
                 self._process = multiprocessing.get_context("forkserver").Process(
-                    target=serve, daemon=True, args=(lent, alive, output)
+                    target=serve, daemon=True, args=(lent, alive, output, self._is_trusted)
                 )
                 self._process.start()
+        self._function = function
+        if self._connection.poll(0):  # it has ended, or answers before a request
+            raise self._lost()
         try:
             self._connection.send((function, arguments))
         except OSError:
@@ -126,14 +139,21 @@ class Child:
     def wait(self, limit_s: float) -> Any:
         """The result of the call; LateError or LostError if it does not return within the time limit."""
         assert self._connection is not None
-        with socket.socket(fileno=os.dup(self._connection.fileno())) as end:  # also for a message that stops halfway
-            end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("ll", *divmod(int(limit_s * 1e6), 10**6)))
+        end, message, size = time.monotonic() + limit_s, bytearray(), HEADER.size
+        while (had := len(message)) < size:  # a message may stop halfway, or come byte by byte
+            if not self._connection.poll(max(end - time.monotonic(), 0.0)):
+                self.kill()
+                raise LateError(f"no answer within {limit_s:g} s")
+            with suppress(ConnectionResetError):
+                message += os.read(self._connection.fileno(), size - had)
+            if len(message) == had:
+                raise self._lost()
+            if len(message) == HEADER.size:
+                size += min(max(HEADER.unpack(message)[0], 0), MOST_BYTES)
+        read = pickle.loads if self._is_trusted else partial(wire.read, self._function)
         try:
-            return self._connection.recv()
-        except BlockingIOError:
-            self.kill()
-            raise LateError(f"no answer within {limit_s:g} s") from None
-        except Exception:  # the end of the process, or whatever bytes that are no message raise
+            return read(message[HEADER.size :])
+        except Exception:  # whatever bytes that are no message raise
             raise self._lost() from None
 
     def _exit_code(self, within_s: float) -> int | None:
@@ -142,19 +162,15 @@ class Child:
         return self._process.exitcode
 
     def _lost(self) -> LostError:
-        """Close, and describe how the process ended."""
+        """Close, and describe how the process ended. If it has not, it broke the protocol."""
         code, log = self._exit_code(GRACE_S), self._log.fileno()
         printed = os.pread(log, LAST_BYTES, max(os.fstat(log).st_size - LAST_BYTES, 0))
         self.close()
         last_words = "".join(printed.decode(errors="replace").strip().splitlines()[-1:])[:200]
-        how = (
-            "a message that cannot be read"
-            if code is None
-            else signal.Signals(-code).name
-            if code < 0
-            else f"exit status {code}"
-        )
-        return LostError(how + (f", after printing {last_words!r}" if last_words else ""), last_words)
+        if code is None:
+            return LostError(NOT_REQUESTED, NOT_REQUESTED, FORBIDDEN)
+        how = {number: number.name for number in signal.Signals}.get(-code, f"exit status {code}")  # type: ignore[call-overload]
+        return LostError(how + (f", after printing {last_words!r}" if last_words else ""), last_words, code)
 
     def kill(self) -> None:
         """End a process that may not respond."""
@@ -188,7 +204,7 @@ class Child:
         self.close()
 
 
-def serve(connection: Connection, alive: Connection, output: Connection) -> None:
+def serve(connection: Connection, alive: Connection, output: Connection, is_trusted: bool) -> None:
     """Main loop of the child: run the requested calls until the connection closes, and write to ``output``, which is
     the parent's file."""
     for stream in (1, 2):
@@ -208,7 +224,7 @@ def serve(connection: Connection, alive: Connection, output: Connection) -> None
         result = function(*arguments)
         if os.getpid() != pid:  # the function has forked, and only one of the two may answer
             os._exit(0)
-        connection.send(result)
+        connection.send_bytes(pickle.dumps(result) if is_trusted else wire.written(result))
 
 
 def limit_memory(megabytes: int) -> None:

@@ -2,7 +2,8 @@
 
     x ← Q x, 64 times, with Q orthogonal (32, 32): independent of solvers, problems and this project's kernels
 
-One *sample* is some dozens of timed runs in a separate process on the core of the race; its level is their median. Two
+One *sample* is some dozens of timed runs in the null solver's process, on the core of the race; its level is their
+median. Two
 kinds of slowness are distinguished. A neighbour on the other thread of the same core slows it to two thirds or half of
 its speed for milliseconds to seconds, which no counter of a virtual machine shows; it is measured by the share of slow
 samples. The *drift* of a race is the slowness that remains in a median over problems that are spread over the race:
@@ -11,7 +12,6 @@ samples. The *drift* of a race is the slowness that remains in a median over pro
     time
 """
 
-import os
 import time
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -20,7 +20,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.processes.child_process import START_LIMIT_S, Child, LostError
+from bench.messages.task import Outcome
+from bench.processes.solver_child import SolverChild
 from bench.timing.clock import Effort, no_garbage_collection, time_call
 
 SIZE, TIMES = 32, 64
@@ -35,7 +36,7 @@ TOLERATED_SLOW = 0.05
 """Largest share of slow samples without a warning."""
 
 
-def work() -> list[int]:
+def work(*_: object) -> Outcome:
     """Nanoseconds of each run of the work, after an untimed run."""
     Q = np.linalg.qr(np.cos(np.arange(SIZE * SIZE, dtype=np.float64)).reshape(SIZE, SIZE))[0]
 
@@ -49,27 +50,21 @@ def work() -> list[int]:
     with no_garbage_collection():
         while EFFORT.goes_on(len(times_ns), sum(times_ns)):
             times_ns.append(time_call(run))
-    return times_ns
+    return Outcome(times={"work": np.array(times_ns, dtype=np.int64)})
 
 
-class Sentinel(Child):
-    """Samples one core; a sample is its time in seconds since the epoch and the nanoseconds of each run."""
+class Sentinel:
+    """Samples the core of a process; a sample is its time in seconds since the epoch and the nanoseconds of each run.
+    There is none while the process is lost."""
 
-    def __init__(self, core: int | None) -> None:
-        super().__init__()
-        self.core, self.samples = core, list[tuple[float, list[int]]]()
+    def __init__(self, child: SolverChild) -> None:
+        self._child, self.samples = child, list[tuple[float, list[int]]]()
 
     def sample(self, unless_within_s: float = 0.0) -> None:
-        """Time the work, unless the last sample is younger than ``unless_within_s``; ChildProcessError if its process
-        is lost."""
-        if self.samples and time.time() - self.samples[-1][0] < unless_within_s:
-            return
-        try:
-            if not self.is_running and self.core is not None:
-                self.call(START_LIMIT_S, os.sched_setaffinity, 0, {self.core})
-            self.samples.append((time.time(), self.call(START_LIMIT_S, work)))
-        except LostError as error:
-            raise ChildProcessError(f"the process that samples the speed of the core was lost ({error})") from None
+        """Time the work, unless the last sample is younger than ``unless_within_s``."""
+        if not self.samples or time.time() - self.samples[-1][0] >= unless_within_s:
+            times = self._child.ask(work).times
+            self.samples += [(time.time(), ns.tolist()) for ns in times.values()]
 
 
 def table(notes: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
@@ -82,8 +77,7 @@ def table(notes: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
     samples = pd.DataFrame(rows, columns=["host", "core", "at_s", "ns", "level_ns"]).sort_values(
         "at_s", ignore_index=True
     )
-    samples["ratio"] = samples.level_ns / samples.groupby(["host", "core"]).level_ns.transform("median")
-    return samples
+    return samples.assign(ratio=samples.level_ns / samples.groupby(["host", "core"]).level_ns.transform("median"))
 
 
 def drift(samples: pd.DataFrame) -> float:

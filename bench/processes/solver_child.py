@@ -1,7 +1,7 @@
 """Each solver runs in its own process, with a time limit and a memory limit.
 
 A solver that crashes, hangs or exhausts its memory affects only this process; the next task gets a new one. The
-processes of a race on one core form a pool: one for each solver lane, and the sentinel.
+processes of a race on one core form a pool: one for each solver lane.
 """
 
 from collections.abc import Callable, Sequence
@@ -9,10 +9,9 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from bench.messages.task import ChildSettings, Outcome, RaceError
+from bench.messages.task import ChildSettings, Outcome, RaceError, Status
 from bench.processes import worker
-from bench.processes.child_process import START_LIMIT_S, Child, LateError, LostError, warm_up
-from bench.processes.sentinel import Sentinel
+from bench.processes.child_process import FORBIDDEN, START_LIMIT_S, Child, LateError, LostError, warm_up
 from solvers import Described, Entry, Lane
 
 STANDARD = ChildSettings()
@@ -20,7 +19,7 @@ STANDARD = ChildSettings()
 
 def entry_of_file(path: str | Path) -> Entry:
     """The entry of a user's file, whose code runs in a separate process; RaceError if it cannot be loaded."""
-    with Child() as child:
+    with Child(is_trusted=False) as child:
         try:
             entry = child.call(START_LIMIT_S, worker.introduce, str(path))
         except LostError as error:
@@ -35,7 +34,7 @@ class SolverChild(Child):
     crash."""
 
     def __init__(self, entry: Entry, settings: ChildSettings = STANDARD, core: int | None = None) -> None:
-        super().__init__()
+        super().__init__(is_trusted=False)
         self.entry, self._settings, self._core = entry, settings, core
         self._load()
 
@@ -64,23 +63,26 @@ class SolverChild(Child):
 
     def ask(self, request: Callable[..., Outcome], *arguments: Any) -> Outcome:
         """The outcome of a request, as of `worker.answer`; a crash or a timeout of the process is an outcome, too."""
-        if not self.is_running:
+        if self._connection is None:
             self._load()
         if absent := self.describe().absent:
-            return Outcome("adapter_failed", absent)
-        if self._connection is not None and self._connection.poll(0):
-            self.kill()
-            return Outcome("tampered", "its process answered before a request")
+            return Outcome(Status.ADAPTER_FAILED, absent)
         try:
             outcome = self.call(self._settings.time_limit_s, worker.answer, request, arguments)
         except LateError as error:
-            return Outcome("timed_out", str(error))
+            return Outcome(Status.TIMED_OUT, str(error))
         except LostError as error:
             if self.is_interrupted:
                 raise ChildProcessError("the race was interrupted") from None
-            memory = "bad_alloc" in error.last_words or "MemoryError" in error.last_words
-            return Outcome("out_of_memory" if memory else "crashed", f"the process ended with {error}")
-        if outcome.failure == "out_of_memory":
+            if error.status == FORBIDDEN:
+                return Outcome(Status.TAMPERED, f"its process {error.last_words}")
+            return Outcome(
+                Status.OUT_OF_MEMORY
+                if "bad_alloc" in error.last_words or "MemoryError" in error.last_words
+                else Status.CRASHED,
+                f"the process ended with {error}",
+            )
+        if outcome.failure == Status.OUT_OF_MEMORY:
             self.kill()  # it may still hold the memory
         return outcome
 
@@ -92,8 +94,6 @@ class SolverPool(ExitStack):
     ----------
     children : dict
         Processes by name and lane.
-    sentinel : Sentinel
-        Samples the speed of the core.
     """
 
     def __init__(self, entries: Sequence[Entry], settings: ChildSettings, core: int | None = None) -> None:
@@ -104,7 +104,6 @@ class SolverPool(ExitStack):
 
     def _start(self, repeat: int) -> None:
         self._repeat = repeat
-        self.sentinel = self.enter_context(Sentinel(self.core))
         self.children: dict[tuple[str, Lane], SolverChild] = {
             (entry.name, entry.lane): self.enter_context(SolverChild(entry, self.settings, self.core))
             for entry in self.entries
@@ -119,6 +118,6 @@ class SolverPool(ExitStack):
                 child.describe()  # waits for the libraries to load, which would disturb the first task
 
     def interrupt(self) -> None:
-        """End the solvers' processes from another thread; their requests and the sentinel's are ChildProcessErrors."""
-        for child in [self.sentinel, *self.children.values()]:
+        """End the solvers' processes from another thread; their requests are ChildProcessErrors."""
+        for child in self.children.values():
             child.interrupt()

@@ -1,29 +1,24 @@
 """Code that runs in the process of a solver; the parent's side is in `solver_child`.
 
 The process loads one solver in one lane, is pinned to a core, and answers requests. It judges nothing: it returns the
-answer with its duals, the raw times, and what the solver did that it must not.
+answer with its duals and the raw times.
 
-The process is watched for files that it must not open: those of the race, and those of other processes. The data of
-timed calls are secret until their block begins, and it must not read them in its parent's memory. The watch begins
-before the solver's file is imported. An audit hook (PEP 578) cannot be removed, and sees every file that Python opens
-and every folder that it lists; it does not see what compiled code does.
+It ends with the exit status FORBIDDEN when it touches files that it must not: those of the race, and those of other
+processes. The data of timed calls are secret until their block begins, and it must not read them in its parent's
+memory. The watch begins before the solver's file is imported. An audit hook (PEP 578) cannot be removed, and sees every
+file and folder that Python opens, lists, moves or removes; it does not see what compiled code does.
 """
 
 import os
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
-from bench.messages.task import ChildSettings, Outcome, attempt
-from bench.processes.child_process import limit_memory
+from bench.messages.task import ChildSettings, Outcome, attempt, plain
+from bench.processes.child_process import FORBIDDEN, limit_memory
 from solvers import Described, Entry, Solver, describe, from_file
 
-FILE_EVENTS = ("open", "os.listdir", "os.scandir")
-MOST = 3
-"""Largest number of reported actions."""
-
-_actions: list[str] = []
-"""The forbidden actions in this process so far, as sentences."""
 _loaded: list[type[Solver]] = []
 """The solver of this process; twice after its first answer."""
 
@@ -33,21 +28,17 @@ def install_audit_hook(folders: Sequence[str]) -> None:
     hidden = tuple(os.path.realpath(folder) + os.sep for folder in folders)
     # Bound here, so that a solver that replaces them cannot switch the guard off.
     absolute, is_number, this_process, separator = os.path.realpath, str.isdigit, str(os.getpid()), os.sep
-    most, file_events, actions = MOST, FILE_EVENTS, _actions
+    decoded, say, end, status = os.fsdecode, os.write, os._exit, FORBIDDEN
 
     def hook(event: str, arguments: tuple[object, ...]) -> None:
-        if (
-            len(actions) < most
-            and event in file_events
-            and arguments
-            and isinstance(arguments[0], str | bytes | os.PathLike)
-        ):
-            name = os.fsdecode(arguments[0])
-            path = absolute(name) + separator
-            _, root, process, *_ = (*path.split(separator), "", "")
-            is_other_process = root == "proc" and is_number(process) and process != this_process
-            if path.startswith(hidden) or is_other_process:
-                actions.append(f"opened {name}")
+        if event == "open" or event.startswith("os."):
+            for name in [decoded(one) for one in arguments if isinstance(one, str | bytes | os.PathLike)]:
+                path = absolute(name) + separator
+                _, root, process, *_ = (*path.split(separator), "", "")
+                is_other_process = root == "proc" and is_number(process) and process != this_process
+                if path.startswith(hidden) or is_other_process:
+                    say(2, f"\nopened {name}\n".encode(errors="replace"))
+                    end(status)
 
     if hidden:
         sys.addaudithook(hook)
@@ -65,7 +56,7 @@ def load(entry: Entry, settings: ChildSettings, core: int | None) -> Described:
         limit_memory(settings.memory_mb)
         if core is not None:  # pinned only now, since loading may use all cores
             os.sched_setaffinity(0, {core})
-    return description
+    return replace(description, ladder=tuple(map(plain, description.ladder)), defaults=plain(description.defaults))
 
 
 def answer(request: Callable[..., Outcome], arguments: tuple[Any, ...]) -> Outcome:
@@ -73,7 +64,6 @@ def answer(request: Callable[..., Outcome], arguments: tuple[Any, ...]) -> Outco
     which nothing was compiled, loaded or allocated, and of these arguments; an exception becomes an outcome."""
     cls, *answered = _loaded
     outcome = attempt(lambda: request(cls, not answered, *arguments))
-    outcome.forbidden_actions = tuple(_actions)
     _loaded[1:] = [cls]
     return outcome
 

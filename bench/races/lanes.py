@@ -10,6 +10,7 @@ from bench.processes.solver_child import SolverPool, entry_of_file
 from bench.races import null_solver
 from bench.races.settings import RaceSettings
 from bench.store import Run
+from piezo_model.checks import check
 from solvers import Described, Entry, entries
 
 
@@ -29,17 +30,18 @@ def chosen(settings: RaceSettings) -> list[Entry]:
     warm_up(selected)
     for path in settings.solver_files:
         entry = entry_of_file(path)
-        if not re.fullmatch(r"\w[\w.+-]*", entry.name):  # it becomes part of file names
-            raise RaceError(
-                f"{path}: a solver is named with letters, digits, '_', '.', '+' and '-', and not {entry.name!r}"
-            )
-        if any((other.name, other.lane) == (entry.name, entry.lane) for other in [*known, *selected]):
-            raise RaceError(
-                f"{path}: there is a solver {entry.name} in the lane {entry.lane} already; name it otherwise"
-            )
+        check(
+            re.fullmatch(r"\w[\w.+-]*", entry.name),  # it becomes part of file names
+            f"{path}: a solver is named with letters, digits, '_', '.', '+' and '-', and not {entry.name!r}",
+            RaceError,
+        )
+        check(
+            not any((other.name, other.lane) == (entry.name, entry.lane) for other in [*known, *selected]),
+            f"{path}: there is a solver {entry.name} in the lane {entry.lane} already; name it otherwise",
+            RaceError,
+        )
         selected.append(entry)
-    if not selected:
-        raise RaceError(f"no selected solver is in the lane {' or '.join(settings.lanes)}")
+    check(selected, f"no selected solver is in the lane {' or '.join(settings.lanes)}", RaceError)
     return selected
 
 
@@ -71,11 +73,12 @@ def described_by(run: Run, pool: SolverPool) -> list[Described]:
     recorded = run.settings.get("lanes", {})
     for solver in described:
         was = recorded.get(lane := f"{solver.name} ({solver.lane})", solver.version)
-        if not solver.absent and _release(was) != _release(solver.version):
-            raise RaceError(
-                f"{run.path} raced {lane} in version {was}, and {os.uname().nodename} has {solver.version}; begin a "
-                "new run"
-            )
+        check(
+            solver.absent or _release(was) == _release(solver.version),
+            f"{run.path} raced {lane} in version {was}, and {os.uname().nodename} has {solver.version}; begin a new "
+            "run",
+            RaceError,
+        )
     return described
 
 
@@ -91,18 +94,18 @@ def lanes_here(run: Run, pool: SolverPool) -> list[Described]:
     lanes = [solver for solver in described if not solver.absent]
     versions = {f"{solver.name} ({solver.lane})": solver.version for solver in lanes}
     absent = {f"{solver.name} ({solver.lane})": solver.absent for solver in described if solver.absent}
-    recorded = before.get("lanes", {})
-    same = {lane: was for lane, was in recorded.items() if _release(was) == _release(versions.get(lane, was))}
     own = {  # 1e-9 at the finest: rungs may ask for more than rounding allows
-        f"{solver.name} ({solver.lane})": 10.0 ** (1 - min((10.0, *solver.exponents[-1:])))
+        f"{solver.name} ({solver.lane})": 10.0 ** (1 - min((10.0, *map(abs, solver.exponents[-1:]))))
         for solver in described
         if pool.children[solver.name, solver.lane].entry.path
     }
-    run.note(lanes=versions | same, absent=before.get("absent", {}) | absent, own=own)
+    run.note(lanes=versions | before.get("lanes", {}), absent=before.get("absent", {}) | absent, own=own)
     present = {solver.name for solver in lanes}
     for solver in described:
-        if solver.name in before["settings"]["solvers"] and solver.name not in present:
-            raise RaceError(f"the selected solver {solver.name} is absent: {solver.absent}")
-    if not lanes:
-        raise RaceError(f"no selected solver runs here; {described[0].name}: {described[0].absent}")
+        check(
+            solver.name in present or solver.name not in before["settings"]["solvers"],
+            f"the selected solver {solver.name} is absent: {solver.absent}",
+            RaceError,
+        )
+    check(lanes, f"no selected solver runs here; {described[0].name}: {described[0].absent}", RaceError)
     return lanes

@@ -22,10 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.derived.measurements import NULL_SOLVER
-from bench.messages.task import NO_SETTING, PAPER, Outcome, Row, Task
+from bench.messages.solver_info import amount
+from bench.messages.task import MOST, NO_SETTING, PAPER, Outcome, Row, Status, Task
 from bench.problem_files.program import fields_of
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
+from bench.processes.child_process import NOT_REQUESTED
 from bench.processes.solver_child import SolverChild
 from bench.race_table import complete
 from bench.races import worker
@@ -36,6 +38,9 @@ from bench.timing.percentiles import percentile
 from bench.timing.schedule import PERIOD_NS, runs
 from solvers.protocol import Lane, Matrix
 
+NOTHING = np.zeros((0, 0))
+PER_CALL = ("update", "solve", "sample")
+"""Names of times, and of the sample, that there are of each call."""
 UNSEEN_NS = 250_000
 """Processor time of a block by which two processes may differ that do the same."""
 MAX_RETRIES = 4
@@ -46,30 +51,47 @@ WARM_UP = 1
 """Number of untimed rounds of interleaved tasks."""
 
 
+def requested(outcome: Outcome, q: Matrix = NOTHING, *times: str, fewest: int = 0) -> Outcome:
+    """The outcome if it has answers to the first of the data ``q`` (n, d), and these times of each, or is a failure
+    without any; else its process has tampered. ``response`` is of each of the data, and ``setup`` of several set-ups.
+    """
+    if outcome.failure:
+        q, times, fewest = NOTHING, (), 0
+    calls = len(outcome.answers)
+    sizes = {"response": len(q), "setup": outcome.times.get("setup", NOTHING).size} | dict.fromkeys(PER_CALL, calls)
+    if (
+        not fewest <= calls <= len(q)
+        or outcome.answers.shape != (calls, q.shape[1])
+        or outcome.times.keys() != {*times}
+        or not all(
+            ns.shape == (sizes[name],) and ((ns >= 0) & (ns <= MOST)).all() for name, ns in outcome.times.items()
+        )
+    ):
+        return Outcome(Status.TAMPERED, f"its process {NOT_REQUESTED}")
+    return outcome
+
+
 def set_up(child: SolverChild, task: Task, form: CertifiedForm) -> Outcome:
     """Set up the solver of a task, which then waits for blocks; the outcome has its first answer. The certificate and
     the other windows stay here."""
     program, start = fields_of(form.qp), form.starts.get(task.start)
-    outcome = child.ask(worker.set_up, task, program, start, form.unit, child.entry.times_itself)
-    if outcome.failure == "timed_out":
+    outcome = requested(child.ask(worker.set_up, task, program, start, form.unit, child.entry.times_itself))
+    if outcome.failure == Status.TIMED_OUT:
         return replace(outcome, message=f"its set-up gave {outcome.message}")
-    return outcome if outcome.failure else child.ask(worker.further, task.key, TimedSolver.first)
+    return outcome if outcome.failure else requested(child.ask(worker.further, task.key, TimedSolver.first))
 
 
 def run_block(child: SolverChild, task: Task, P: Matrix | None, q: Matrix, most_ns: float = math.inf) -> Outcome:
     """Time a block of `bench.problems.fresh`. No call begins after ``most_ns``. It may be a failure; if the process
     ended, so did the solver that was ready."""
     cpu_ns = child.cpu_ns()
-    block = child.ask(worker.further, task.key, TimedSolver.block, P, q, most_ns)
-    n = len(block.answers) if most_ns < math.inf else len(q)
-    shapes = {"answers": block.answers.shape, **{name: ns.shape for name, ns in block.times.items()}}
-    if not block.failure and (
-        n not in range(1, len(q) + 1)
-        or shapes != {"answers": (n, q.shape[1]), "update": (n,), "solve": (n,)}
-        or not all((ns >= 0).all() for ns in block.times.values())
-    ):
-        return Outcome("tampered", "its process sent an answer that was not requested")
-    return replace(block, cpu_ns=math.nan if block.failure else child.cpu_ns() - cpu_ns)
+    block = requested(
+        child.ask(worker.further, task.key, TimedSolver.block, P, q, most_ns),
+        q,
+        *("update", "solve"),
+        fewest=1 if most_ns < math.inf else len(q),
+    )
+    return replace(block, cpu_ns=0.0 if block.failure else child.cpu_ns() - cpu_ns)
 
 
 def timed(
@@ -95,19 +117,17 @@ def timed(
         blocks.append(block)
         done, spent_ns = done + len(block.answers), spent_ns + int(sum(ns.sum() for ns in block.times.values()))
         size = max(effort.fewest - done, math.ceil((effort.budget_s * 1e9 - spent_ns) * done / max(spent_ns, done)), 1)
-    end = child.ask(worker.further, task.key, TimedSolver.end, effort.budget_s, not form.windows)
+    end = requested(
+        child.ask(worker.further, task.key, TimedSolver.end, effort.budget_s, not form.windows), NOTHING, "setup"
+    )
     if end.failure:
         return end
-    if end.forbidden_actions:
-        return Outcome("tampered", "; ".join(end.forbidden_actions))
-    outcome = replace(
-        outcome,
-        times=end.times,
-        repeatable=end.repeatable,
-        mutated=end.mutated,
-        first_call=done - sum(len(block.answers) for block in blocks),
+    return with_calls(
+        replace(outcome, times=end.times, repeatable=end.repeatable, mutated=end.mutated),
+        blocks,
+        hidden,
+        done - sum(len(block.answers) for block in blocks),
     )
-    return with_calls(outcome, blocks, hidden)
 
 
 def scheduled(child: SolverChild, task: Task, form: CertifiedForm, fresh: FreshData) -> Outcome:
@@ -118,17 +138,14 @@ def scheduled(child: SolverChild, task: Task, form: CertifiedForm, fresh: FreshD
         return outcome
     for first in range(0, fresh.count, fresh.calls_at_once):
         P, q = fresh.block(first, min(first + fresh.calls_at_once, fresh.count))
-        block = child.ask(worker.further, task.key, TimedSolver.scheduled, P, q)
+        block = requested(
+            child.ask(worker.further, task.key, TimedSolver.scheduled, P, q), q, *PER_CALL, "response", fewest=1
+        )
         if block.failure:
             return block
-        sample, n = block.times.get("sample", np.zeros(0, dtype=np.int64)), len(block.answers)
-        shapes = {"answers": block.answers.shape, **{name: ns.shape for name, ns in block.times.items()}}
-        if (
-            shapes != {"answers": (n, q.shape[1]), "update": (n,), "solve": (n,), "sample": (n,), "response": (len(q),)}
-            or not (np.diff(sample, prepend=-1, append=len(q)) > 0).all()
-            or not all((ns >= 0).all() for ns in block.times.values())
-        ):
-            return Outcome("tampered", "its process sent an answer that was not requested")
+        sample = block.times["sample"]
+        if not ((np.diff(sample, prepend=-1) > 0).all() and sample[-1] == len(q) - 1):
+            return Outcome(Status.TAMPERED, f"its process {NOT_REQUESTED}")
         blocks.append(replace(block, times={**block.times, "sample": sample + first}))
     return with_calls(outcome, blocks)
 
@@ -141,8 +158,8 @@ def hidden_ns(blocks: Sequence[Outcome], null_ns: Iterable[float]) -> float:
     return used_ns if LEAST_SHARE * used_ns > 1e3 * us.size * median(us) else 0.0
 
 
-def with_calls(outcome: Outcome, blocks: Sequence[Outcome], hidden: float = 0.0) -> Outcome:
-    """The outcome of a task with the calls of its blocks, and what they hide, NaN if that is nothing."""
+def with_calls(outcome: Outcome, blocks: Sequence[Outcome], hidden: float = 0.0, first_call: int = 0) -> Outcome:
+    """The outcome of a task with the calls of its blocks, the number of the first one, and what they hide."""
     return replace(
         outcome,
         times={
@@ -151,7 +168,8 @@ def with_calls(outcome: Outcome, blocks: Sequence[Outcome], hidden: float = 0.0)
         },
         answers=np.concatenate([block.answers for block in blocks]),
         preemptions=sum(block.preemptions for block in blocks),
-        cpu_ns=hidden or math.nan,
+        cpu_ns=hidden,
+        first_call=first_call,
     )
 
 
@@ -234,7 +252,7 @@ def row_of(problem: RaceProblem, task: Task, outcome: Outcome, fresh: FreshData 
     )
     calls = outcome.times.get("sample", outcome.first_call + np.arange(solve.size))
     response = outcome.times.get("response", np.zeros(0))
-    cpu_us, x = outcome.cpu_ns / max(solve.size, 1) / 1e3, outcome.x
+    cpu_us, x = (outcome.cpu_ns or math.nan) / max(solve.size, 1) / 1e3, outcome.x
     us, solve_us = answers_us(update, solve, cpu_us), solve / 1e3
     span_um = math.nan if validation is None else validation.span_um
     return complete(
@@ -260,7 +278,7 @@ def row_of(problem: RaceProblem, task: Task, outcome: Outcome, fresh: FreshData 
             "cpu_us": cpu_us,
             "samples": int(solve.size),
             # the settings of any other solver may have this name too
-            "periods": outcome.settings.get("steps", math.nan)
+            "periods": amount(outcome.settings.get("steps"))
             if task.solver == PAPER
             else median(us) / problem.period_us,
             "reported_us": outcome.reported_us,

@@ -127,24 +127,20 @@ def relative_gap(form: CertifiedForm, x: Vector) -> tuple[float, float]:
 def stage_excess(problem: RaceProblem, error_percent: float, best_percent: float) -> float:
     """Model error beyond that of the optimum, in units of the sensor's noise."""
     v = problem.validation
-    if v is None or not v.noise_um > 0.0:
-        return math.nan
-    return (error_percent - best_percent) / 100.0 * v.span_um / v.noise_um
+    return (error_percent - best_percent) / 100.0 * v.span_um / v.noise_um if v and v.noise_um > 0.0 else math.nan
 
 
 def _weight_error(problem: RaceProblem, form: CertifiedForm, x: Vector) -> float:
     best = problem.optimal_weights
     size = float(np.max(np.abs(best)))
-    if not form.optimum_is_unique or size == 0.0:
-        return math.nan
-    return float(np.max(np.abs(product(form.to_weights, x) - best))) / size
+    error = np.max(np.abs(product(form.to_weights, x) - best))
+    return float(error) / size if form.optimum_is_unique and size > 0.0 else math.nan
 
 
 def model_error(problem: RaceProblem, form: CertifiedForm, x: Vector) -> float:
     """Error of the model with the feasible weights nearest to an answer, of a program with bounds only."""
-    if problem.validation is None:
-        return math.nan
-    return problem.validation.error_percent(product(form.to_weights, np.clip(x, form.qp.lb, form.qp.ub)))
+    v = problem.validation
+    return v.error_percent(product(form.to_weights, np.clip(x, form.qp.lb, form.qp.ub))) if v else math.nan
 
 
 def _residuals(solution: Solution) -> Row:

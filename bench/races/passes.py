@@ -33,7 +33,7 @@ from bench.messages.task import Outcome, Row, Start, Status, Task, Tier, Timed
 from bench.part_file import PartFile
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import CertifiedForm, RaceProblem
-from bench.processes.sentinel import EVERY_S
+from bench.processes.sentinel import EVERY_S, Sentinel
 from bench.processes.solver_child import SolverPool
 from bench.races import null_solver
 from bench.races.lanes import described_by
@@ -94,25 +94,25 @@ class Part:
             return
         pool.begin(self.repeat)
         described_by(run, pool)
+        sentinel = Sentinel(pool.children[null_solver.ENTRY.name, null_solver.ENTRY.lane])
         with part.appended():
-            pool.sentinel.sample()
+            sentinel.sample()
             before = machine.counters()
-            self._work(part, run.note_machine(), pool, tell)
+            self._work(part, run.note_machine(), pool, sentinel, tell)
             between = machine.between(before, machine.counters())
-            pool.sentinel.sample()
-            samples, pool.sentinel.samples = pool.sentinel.samples, []
+            sentinel.sample()
             part.finish(
                 {
                     "host": os.uname().nodename,
                     "core": pool.core,
-                    "sentinel": samples,
+                    "sentinel": sentinel.samples,
                     **between,
                     "preemptions": sum(row["preemptions"] for row in part.rows.values()),
                     "timed_calls": sum(row["samples"] for row in part.rows.values()),
                 }
             )
 
-    def _work(self, part: PartFile, here: str, pool: SolverPool, tell: Tell) -> None:
+    def _work(self, part: PartFile, here: str, pool: SolverPool, sentinel: Sentinel, tell: Tell) -> None:
         """Measure one ladder after the other, then interleave the tasks that are; ``here`` is this machine."""
 
         def save(task: Task, outcome: Outcome, fresh: FreshData | None = None) -> None:
@@ -128,7 +128,9 @@ class Part:
             self.tasks, lambda task: (task.solver, task.lane, task.timed, task.start)
         ):
             if timing != INTERLEAVED:
-                self._ladder(part, save, pool, tell, [(task, fresh(i, timing, start)) for i, task in enumerate(ladder)])
+                self._ladder(
+                    part, save, pool, sentinel, tell, [(task, fresh(i, timing, start)) for i, task in enumerate(ladder)]
+                )
         for start in ("cold", "warm"):
             tasks = [task for task in self.tasks if (task.timed, task.start) == (INTERLEAVED, start)]
             if any(task.key not in part.rows for task in tasks):
@@ -146,6 +148,7 @@ class Part:
         part: PartFile,
         save: Callable[..., None],
         pool: SolverPool,
+        sentinel: Sentinel,
         tell: Tell,
         tasks: Sequence[tuple[Task, FreshData]],
     ) -> None:
@@ -165,7 +168,7 @@ class Part:
                     )
                 )
                 save(task, outcome, fresh)
-                pool.sentinel.sample(unless_within_s=EVERY_S)
+                sentinel.sample(unless_within_s=EVERY_S)
             if task.setting.rung >= 0:
                 end = end or self._end_of_ladder(part.rows[task.key])
 

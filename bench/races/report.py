@@ -85,10 +85,6 @@ DEFINITIONS = (
     OURS_NOTE,
 )
 
-REPEATED = (
-    "fresh processes: times are medians over these, and answer_us_spread in summary.csv is their range over the median."
-)
-
 
 def report(run: Run, race: RaceSettings) -> Report:
     """The report of a finished run."""
@@ -118,7 +114,17 @@ def report(run: Run, race: RaceSettings) -> Report:
         files={f"misses/{name}": miss.save for name, miss in misses.items()},
         # of the scaled rows, if there are any
         failed=failed(every[every.scaling == every.scaling.max()].assign(error=distance), measurements.own),
-        definitions=[*DEFINITIONS, *([f"Every solver ran in {race.repeats} {REPEATED}"] if race.repeats > 1 else [])],
+        definitions=[
+            *DEFINITIONS,
+            *(
+                [
+                    f"Every solver ran in {race.repeats} fresh processes: times are medians over these, and "
+                    "answer_us_spread in summary.csv is their range over the median."
+                ]
+                if race.repeats > 1
+                else []
+            ),
+        ],
         tables=[
             Table.of(
                 "Every solver at every tier",

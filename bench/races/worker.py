@@ -17,11 +17,12 @@ from typing import Any
 import numpy as np
 from qpsolvers import Problem
 
-from bench.messages.solver_info import real, solver_info
-from bench.messages.task import Outcome, Task, attempt
+from bench.messages.solver_info import solver_info
+from bench.messages.task import Outcome, Task, attempt, plain
 from bench.problem_files.program import fields_of
 from bench.timing.clock import no_garbage_collection, time_block, time_call, time_kernel
 from bench.timing.schedule import follow
+from solvers.arrays import reals
 from solvers.protocol import Matrix, Solver, Vector
 
 
@@ -54,7 +55,8 @@ def set_up(
 
     def run() -> Outcome:
         solver = _ready[task.key] = TimedSolver(cls, task, fields, warm_start, c, times_itself)
-        return solver.begin()
+        solver.setups.append(solver.setup())
+        return Outcome(found=True)
 
     _ready.clear()
     if first:
@@ -98,22 +100,17 @@ class TimedSolver:
         self._start = None if warm_start is None else warm_start.copy()
         self._content = self._bytes()
         self._time = time_kernel if times_itself else time_block
-        self.settings = task.settings_for(cls, c)
-        self.solver = cls(**self.settings)
+        settings = task.settings_for(cls, c)
+        self.solver, self.settings = cls(**settings), plain(settings)
         self._solve: Callable[[], Any] = (
             self.solver.solve if self._start is None else partial(self.solver.solve, self._start)
         )
-        self._setups: list[int] = []
+        self.setups: list[int] = []
         self._block_was_changed = False
-
-    def begin(self) -> Outcome:
-        """Set up, and time that."""
-        self._setups.append(self.setup())
-        return Outcome(found=True)
 
     def first(self) -> Outcome:
         """Solve the problem of the set-up."""
-        self._first = x = real(self._solve())
+        self._first = x = np.array(reals("its answer", self._solve()))
         return Outcome(x=x, settings=self.settings, **solver_info(self.solver.solution()))
 
     def setup(self) -> int:
@@ -161,16 +158,16 @@ class TimedSolver:
         are unchanged; further set-ups are timed within the budget."""
         P = self._for_update.P if isinstance(self._for_update.P, np.ndarray) else self._for_update.P.toarray()
         self.solver.update(P=None if is_fixed else P, q=self._for_update.q)  # which takes dense data
-        again = real(self._solve())
+        again = reals("its answer", self._solve())
         changed = self.were_inputs_changed()
         for _ in range(2):
-            if sum(self._setups) < budget_s * 1e9:
-                self._setups.append(self._made_again().setup())
+            if sum(self.setups) < budget_s * 1e9:
+                self.setups.append(self._made_again().setup())
         return Outcome(
             found=True,
             repeatable=bool(np.array_equal(self._first, again, equal_nan=True)),
             mutated=changed,
-            times={"setup": np.array(self._setups, dtype=np.int64)},
+            times={"setup": np.array(self.setups, dtype=np.int64)},
         )
 
     def were_inputs_changed(self) -> bool:
@@ -179,10 +176,8 @@ class TimedSolver:
 
     def _bytes(self) -> list[bytes]:
         """Contents of every array that the solver gets outside blocks."""
-        contents = [*arrays(self._for_setup), *arrays(self._for_update)]
-        if self._start is not None:
-            contents.append(self._start)
-        return [array.tobytes() for array in contents]
+        starts = [] if self._start is None else [self._start]
+        return [array.tobytes() for array in (*arrays(self._for_setup), *arrays(self._for_update), *starts)]
 
 
 def preemptions() -> int:

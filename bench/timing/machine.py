@@ -105,12 +105,11 @@ def here() -> str:
 
 def elsewhere(what: str, there: Collection[str]) -> list[str]:
     """A sentence if ``what`` was measured on other machines than this one, which are named."""
-    if here() in there:
-        return []
-    return [
+    sentence = (
         f"{what} was measured on another machine, {' and '.join(there)}. Times on this one, {here()}, differ: race "
         "here, too."
-    ]
+    )
+    return [] if here() in there else [sentence]
 
 
 def core() -> str:

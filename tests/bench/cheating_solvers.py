@@ -195,6 +195,58 @@ def setup(self, problem):
     (connection, *_) = [one for one in connections if not one.closed and one.writable]
     connection.send(Outcome(found=True, x=self.right(self.P, self.q)))
 """,
+    "sends_code": """
+def setup(self, problem):
+    from bench.races import worker
+    class Code:
+        def __reduce__(this):
+            return exec, ("from bench.races import metrics; metrics.relative_gap = lambda *given: (0.0, 0.0)",)
+    self.problem, self.lb, self.ub = problem, problem.lb, problem.ub
+    self.set_data(problem.P, problem.q)
+    first = worker.TimedSolver.first
+    worker.TimedSolver.first = lambda bench: vars(found := first(bench)).update(message=Code()) or found
+
+def solve(self, warm_start=None):
+    return self.q
+""",
+    "counts_beyond_64_bits": """
+def setup(self, problem):
+    from bench.races import worker
+    self.problem, self.lb, self.ub = problem, problem.lb, problem.ub
+    self.set_data(problem.P, problem.q)
+    first = worker.TimedSolver.first
+    worker.TimedSolver.first = lambda bench: vars(found := first(bench)).update(iterations=2**80) or found
+""",
+    "has_a_status_of_its_own": """
+def setup(self, problem):
+    from bench.races import worker
+    self.problem, self.lb, self.ub = problem, problem.lb, problem.ub
+    self.set_data(problem.P, problem.q)
+    first = worker.TimedSolver.first
+    worker.TimedSolver.first = lambda bench: vars(found := first(bench)).update(failure="excellent") or found
+""",
+    "calls_itself_not_run": """
+def setup(self, problem):
+    from bench.races import worker
+    self.problem, self.lb, self.ub = problem, problem.lb, problem.ub
+    self.set_data(problem.P, problem.q)
+    first = worker.TimedSolver.first
+    worker.TimedSolver.first = lambda bench: vars(found := first(bench)).update(failure="not_run") or found
+""",
+    "names_times_anew": """
+def setup(self, problem):
+    from bench.races import worker
+    self.problem, self.lb, self.ub = problem, problem.lb, problem.ub
+    self.set_data(problem.P, problem.q)
+    end = worker.TimedSolver.end
+    worker.TimedSolver.end = lambda *given: vars(found := end(*given)).update(times={"sample": np.arange(3)}) or found
+""",
+    "moves_a_folder": """
+def setup(self, problem):
+    self.problem, self.lb, self.ub = problem, problem.lb, problem.ub
+    self.set_data(problem.P, problem.q)
+    os.mkdir(Path(__file__).parent / "cheats" / "mine")
+""",
     "rewrites_times": """
 def solve(self, warm_start=None):
     times = sys._getframe(1).f_locals.get("solves", [])
@@ -268,8 +320,11 @@ def solve(self, warm_start=None):
 def written(folder: Path, name: str) -> Path:
     """The file of one solver."""
     path = folder / f"{name}.py"
-    lane = "KERNEL" if name == "times_itself" else "DIRECT"
-    path.write_text(FILE.format(name=name, lane=lane, cheat=indent(CHEATS[name], "    ")))
+    path.write_text(
+        FILE.format(
+            name=name, lane="KERNEL" if name == "times_itself" else "DIRECT", cheat=indent(CHEATS[name], "    ")
+        )
+    )
     return path
 
 

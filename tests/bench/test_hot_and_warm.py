@@ -190,14 +190,8 @@ def test_a_warm_solve_begins_at_its_start_and_does_not_change_it(name: str, lane
     assert not outcome.mutated
     # fewer than seven where the process was off its core for long
     assert 0 < len(outcome.answers) == outcome.times["solve"].size <= 7
-    judged = judge_timed(
-        RaceProblem("none", "none", {"scaled": form}),
-        fresh,
-        outcome.first_call + np.arange(len(outcome.answers)),
-        outcome.answers,
-        3,
-    )
-    assert judged["timed_gap"] <= 1e-9
+    problem, calls = RaceProblem("none", "none", {"scaled": form}), outcome.first_call + np.arange(len(outcome.answers))
+    assert judge_timed(problem, fresh, calls, outcome.answers, 3)["timed_gap"] <= 1e-9
     np.testing.assert_array_equal(best, [0.0, 2.0])
 
 

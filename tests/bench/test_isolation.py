@@ -69,7 +69,7 @@ SAID = {
     "short": "says 'as I say', and gives no finite answer of 18 numbers",
     "odd_duals": "duals z_box: expected shape (18,), got (3,)",
     "unsupported": "takes no | scaled data",
-    "answers_complex": "answers with complex numbers",
+    "answers_complex": "its answer must hold real numbers, not complex128",
 }
 
 
