@@ -19,15 +19,14 @@ import numpy as np
 from scipy.stats import t as student
 
 from bench.comparison.compare import SAME, finding
-from bench.messages.task import Progress, RaceError, Status, Task, default_setting
+from bench.messages.task import Progress, RaceError, Task, default_setting
 from bench.problems.fresh import FreshData
 from bench.problems.protocol import RaceProblem
 from bench.processes.solver_child import STANDARD, SolverChild, SolverPool, entry_of_file
 from bench.races.measuring import interleave
-from bench.races.metrics import judge
+from bench.races.metrics import relative_gap
 from bench.timing import cores
 from bench.timing.clock import answers_us
-from piezo_model.checks import check
 from solvers import Lane
 
 PAIRS = 5
@@ -93,13 +92,11 @@ def _timed(
     ]
     outcomes = interleave(tasks, children, form, FreshData(form, BLOCKS * CALLS), seed, CALLS)
     for (_, outcome), file in zip(outcomes, files, strict=True):
-        row = judge(problem, "scaled", outcome)
-        check(
-            row["status"] == Status.ANSWERED,
-            f"{file}: failed at {problem.set_name}/{problem.name}: {row['status']} {row['message']}",
-            RaceError,
-        )
+        if outcome.failure or outcome.x is None or outcome.x.shape != form.qp.q.shape:
+            raise RaceError(
+                f"{file}: failed at {problem.set_name}/{problem.name}: {outcome.failure} {outcome.message}".rstrip()
+            )
         us = answers_us(outcome.times["update"], outcome.times["solve"]).reshape(BLOCKS, CALLS)
         times.append(np.median(us, axis=1).clip(min=1e-3))
-        gaps.append(max(row["cost_gap"], row["violation"]))
+        gaps.append(max(relative_gap(form, outcome.x)))
     return np.array(times), gaps
