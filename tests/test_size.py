@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-CEILINGS = {"bench": 6547, "piezo_model": 6263, "solvers": 2228, "tests": 12622, "C": 3594}
+CEILINGS = {"bench": 6518, "piezo_model": 6242, "solvers": 2217, "tests": 12432, "C": 3562}
 """Most Python statements of each folder, docstrings not counted, and most semicolons of C."""
 APART = re.compile(r"/\*.*?\*/|//[^\n]*|\"(?:\\.|[^\"\\])*\"|'(?:\\.|[^'\\])*'", re.DOTALL)
 """Comments and literals of C."""
