@@ -164,7 +164,9 @@ def test_memory_and_restore_go_on_bit_for_bit_and_single_steps_do_so_to_rounding
         replace(each, dynamics=dynamics) for each in (HysteresisCreepModel.from_weights(s, s.straight_line), case.model)
     )
     limits = s.x_range if rings else FREE
-    whole, one, by_sample = (Compensator(model, limits, state=case.state) for _ in range(3))
+    whole, one, by_sample = (Compensator(line, limits, state=case.state) for _ in range(3))
+    for each in (whole, one, by_sample):
+        each.change_model(model, 20.0 * s.sample_time)
     first = one.run(y_ref[:cut])
     other = Compensator(line, limits)
     other.restore(one.get_state())

@@ -165,11 +165,12 @@ def test_every_damage_of_a_saved_file_is_refused_in_one_sentence_that_names_it(
         one.run(steps(sensor(), 2.5), sensor().run)
     one.save(path)
     text, random = path.read_text(), np.random.default_rng(0)
-    damaged = [text[: len(text) // 2], "", "[]", '{"format": "piezobench-model"}']
-    for at in random.integers(0, len(text) - 1, 60):
-        if text[at].isalnum():
-            damaged.append(text[:at] + ("1" if text[at] != "1" else "2") + text[at + 1 :])
-    for content in damaged:
+    changed = (
+        text[:at] + ("1" if text[at] != "1" else "2") + text[at + 1 :]
+        for at in random.integers(0, len(text) - 1, 60)
+        if text[at].isalnum()
+    )
+    for content in (text[: len(text) // 2], "", "[]", '{"format": "piezobench-model"}', *changed):
         path.write_text(content)
         with pytest.raises(ModelError, match=r"^[^\n]*learner\.json: [^\n]*$"):
             type(one).load(path)
