@@ -30,7 +30,7 @@ from piezo_model.identification.dynamics_finding import DynamicsFinding
 from piezo_model.identification.dynamics_parameters import LONGEST, SMALLEST_GAIN, Parameters
 from piezo_model.identification.dynamics_trials import CLEAR, COARSE, DynamicsTrials, as_of_static, parameters_of
 from piezo_model.identification.error_model import IdentificationError, ProgramSolver
-from piezo_model.identification.forward import Columns, ForwardFit
+from piezo_model.identification.forward import EXACT, Columns, ForwardFit
 from piezo_model.identification.resonance import LIGHTLY_DAMPED, SHORTEST_SEGMENT, Spectra, segment_of
 from piezo_model.identification.start import USUAL, InitialFit, first_motion
 from piezo_model.recordings import Recording
@@ -182,7 +182,7 @@ def _with_lag(
         static = trials.without_dynamics(head, late)
         trials = DynamicsTrials.of(head, prepare(static, initial.skip), qp_solver)
         late, lag = _fit_lag(trials, [parameters_of(late).start], choice, option)
-    if late.P[at := trials.structure.d + 1, at] == 0.0:
+    if late.P[at := trials.structure.d + 1, at] <= EXACT:
         return view
     g = parameters_of(late).start
     if not (lag.removed or lag.in_model):

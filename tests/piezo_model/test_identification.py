@@ -141,7 +141,8 @@ def test_a_drive_that_moves_at_one_end_alone_gives_a_model_without_a_lag(
     x = x[::-1].copy() if at_the_end else x
     y = true_model(s).simulate(x) + 0.001 * np.random.default_rng(0).standard_normal(x.size)
     report = identify(x, y, s, force=force).report
-    assert (report["lag"]["samples"], report["lag"]["is_significant"]) == (pytest.approx(0.0, abs=0.01), False)
+    known = (pytest.approx(0.0, abs=0.01), False) if at_the_end or moving == 31 else None  # no counted sample moves
+    assert (report["lag"] and (report["lag"]["samples"], report["lag"]["is_significant"])) == known
     assert report["fit"]["max_percent"] < 5.0
 
 
