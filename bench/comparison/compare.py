@@ -277,13 +277,10 @@ def compare_times(pairs: pd.DataFrame, smallest: float) -> tuple[pd.DataFrame, p
     )
     chance, lines = np.random.default_rng(0), []
     for names, differences in lanes:
-        values, deviation = (
-            differences.dropna().to_numpy(),
-            float(field.deviation[cast(tuple[str, str, str], names)[0]]),
-        )
-        ends = interval(values, deviation, chance)
-        ratios = np.exp([differences.median(), *ends])
-        lines.append((*cast(tuple[str, str, str], names), values.size, *ratios, finding(*ends, deviation, smallest)))
+        known, deviation = differences.dropna(), float(field.deviation[cast(tuple[str, str, str], names)[0]])
+        ends = interval(known.to_numpy(), deviation, chance)
+        ratios = np.exp([known.median(), *ends])
+        lines.append((*cast(tuple[str, str, str], names), known.size, *ratios, finding(*ends, deviation, smallest)))
     times = pd.DataFrame(
         lines, columns=["timed", *SOLVER_LANE, "problems", "ratio", "ratio_low", "ratio_high", "finding"]
     )
