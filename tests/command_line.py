@@ -20,8 +20,6 @@ from contextlib import chdir, redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench.cli.app import run
-
 PATIENCE_S = 60.0
 LIVE = (sys.executable, "-m", "bench", "live")
 STAGES = Path(__file__).parents[1] / "examples" / "live"
@@ -117,6 +115,8 @@ class Finished:
 
 def in_process(*words: object, folder: Path | None = None) -> Finished:
     """The result of a call in this process, whose server of further processes all such calls share."""
+    from bench.cli.app import run  # which needs packages that the tests of the paper do without
+
     with chdir(folder or Path()), redirect_stdout(io.StringIO()) as out, redirect_stderr(io.StringIO()) as error:
         status = run([str(word) for word in words])
     return Finished(status, out.getvalue(), without_waiting(error.getvalue()))

@@ -243,7 +243,7 @@ def assert_mode(found: Dynamics, f: float, rel_f: float, damping: float, rel_dam
 @pytest.mark.parametrize("drive", ["steps", "binary", "sweep"])
 @pytest.mark.parametrize("kind", PLANTS[:2])
 def test_a_resonance_is_in_the_model_and_predicts_steps_that_it_has_not_seen(kind: str, drive: str) -> None:
-    model = identify(made(kind, drive, MODE))
+    model = identify(made(kind, drive, MODE, size=2 * SIZE))
     assert_mode(model.dynamics, 500.0, 2e-3, 0.01, 0.1)
     assert model.dynamics.delay_s == pytest.approx(DELAY_S, abs=0.2 * T)
     assert model.validate(made(kind, "steps", MODE, 0.0, seed=77, size=20_000)).fit.rms_percent < 1.0
