@@ -241,7 +241,7 @@ def candidates(run: Run, rule: Rule) -> Iterator[Candidate]:
             calls.size,
             int(np.count_nonzero(calls > rule.deadline_us)),
             explained(floor, calls, rule.deadline_us),
-            (*(percentile(hot, q) for q in QUANTILES[:-1]), float(chosen.answer_us.agg(TYPICAL))),
+            (*(percentile(hot, q) for q in QUANTILES[:-1]), float(chosen.answer_us.dropna().agg(TYPICAL))),
             hot.size,
             int(chosen.judged.min()) if len(chosen) else 0,
             (line["solver"], line["lane"], line["furthest"]) in late,
