@@ -14,8 +14,7 @@ gaps are the largest of all rows; a row that was not run counts only if none was
 *Hot* calls follow each other directly, and a longer measurement of them replaces a shorter one. *Interleaved* calls
 alternate with those of other solvers, and find the caches that these left. *Scheduled* calls come at 8 kHz, as in a
 controller (`bench.derived.schedule`). Both count as no shorter than the median of hot ones, whose processor time is
-checked over many calls. A percentile of a solver is taken over all
-its calls on all the problems in question.
+checked over many calls. A percentile of a solver is taken over all its calls on all the problems in question.
 """
 
 from __future__ import annotations

@@ -74,7 +74,7 @@ def _write_csv(table: Any, file: BinaryIO) -> None:
     from pyarrow.csv import WriteOptions, write_csv
 
     header = io.StringIO()
-    header.writelines(f"# {' '.join(of.decode().split())}\n" for of in (table.schema.metadata or {}).values())
+    header.writelines(f"# {' '.join(remark.decode().split())}\n" for remark in (table.schema.metadata or {}).values())
     csv.writer(header, lineterminator="\n").writerow(table.column_names)
     file.write(header.getvalue().encode())
     write_csv(table, file, WriteOptions(include_header=False))

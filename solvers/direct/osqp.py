@@ -38,12 +38,9 @@ class Osqp(LibrarySolver):
     def build(self, p: Program, rows: Intervals) -> None:
         self._zero = np.zeros(p.d), np.zeros(rows.l.size)
         self._solver = osqp.OSQP()
-        matrices, settings = (
-            (p.triangle.matrix(p.P), p.q.copy(), csc_matrix(rows.R)),
-            {"verbose": False, **self.settings},
-        )
+        data = p.triangle.matrix(p.P), p.q.copy(), csc_matrix(rows.R), rows.l, rows.u
         try:
-            self._solver.setup(*matrices, rows.l, rows.u, **settings)
+            self._solver.setup(*data, **{"verbose": False, **self.settings})
         except osqp.OSQPException as error:
             raise Unsupported(f"osqp refuses the problem with its error {error}; 4 is a P that is not convex") from None
 

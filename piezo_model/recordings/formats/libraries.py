@@ -123,7 +123,12 @@ def read_matlab(path: Path) -> Arrays:
     variables = read_mat_5(path)
     units: dict[str, str] = {}
     arrays = dict(_matlab_arrays("", variables, units))
-    return Arrays("MATLAB", {k: of for k, of in arrays.items() if of.size > 1}, units, period_in_scalars(arrays))
+    return Arrays(
+        "MATLAB",
+        {name: array for name, array in arrays.items() if array.size > 1},
+        units,
+        period_in_scalars(arrays),
+    )
 
 
 def _matlab_arrays(path: str, value: Any, units: dict[str, str]) -> Iterator[tuple[str, np.ndarray]]:
