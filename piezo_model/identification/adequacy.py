@@ -130,7 +130,8 @@ def check_adequacy(recording: Recording, fitted: ForwardFit, skip: int, fit: Fit
     error, line = (max(percents / 100.0, FLOOR) for percents in (expected, fit.line_percent))
     own = v - y_model[counted] / fit.span
     follows = line < FOLLOWS * float(v.std())
-    noise = follows and (line == FLOOR or abs(1.0 - roughness(own)) < WHITE)
+    no_worse = LOOPS * fit.rms_percent <= 100.0 * line
+    noise = follows and no_worse and (line == FLOOR or abs(1.0 - roughness(own)) < WHITE)
     period = 2.0 * math.pi / math.acos(1.0 - min(max(roughness(u), ROUGH), 2.0))
     reasons = applicable(
         (

@@ -12,7 +12,8 @@ INFORMATION of its state. At a single frequency that residual is the settling of
 looks like a drift, or like creep from before the recording. So the drive determines creep only if DRIVEN of a state
 also remains next to a drift and decays exp(−a t), as after a held step, or with two speeds a factor of a hundred apart.
 The creep of all admissible rates, κ Σ_a z_a with 0 ≤ κ ≤ LARGEST, is in the data if it explains most of what the
-regression leaves beyond noise, and κ differs significantly from 0. The variance of the noise is that of the third
+regression leaves beyond noise, and κ differs significantly from 0. If creep of fewer decades, or at rates between the
+powers of ten, explains significantly more, its rates are taken. The variance of the noise is that of the third
 differences of the residual, in which everything slow cancels. A drift d is tested together with creep, not before it,
 since during a held step the two look alike.
 
@@ -27,6 +28,7 @@ superposition of functions of plays.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -38,7 +40,7 @@ from piezo_model.identification.gram_matrix import STILL
 from piezo_model.operators import creep, play
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
-from solvers.arrays import Index, Matrix, Vector
+from solvers.arrays import Index, Mask, Matrix, Vector
 
 PLAYS, KNOTS, SAMPLES, ENOUGH = 10, 6, 20_000, 2000
 """Thresholds above zero of the regression; knots of a function over the whole range, twice as many for r = 0; most
@@ -47,6 +49,9 @@ RANK, INFORMATION, DRIVEN = 1e-12, 0.03, 0.09
 """Smallest eigenvalue of the columns' Gram matrix, relative to the largest, above rounding; smallest fraction of a
 creep state in the residual of the regression, and in that of the regression with a drift and all decays of an earlier
 state."""
+SHIFTS, SPECTRUM_CHI_SQUARE = (0.0, 0.25, 0.5, 0.75), 10.0
+"""Fractions of a decade by which the grids of rates are shifted; smallest gain of other rates than all of the first
+grid, in variances of the noise."""
 LARGEST, NEGLIGIBLE = 0.1, 0.005
 """Largest creep of a model, and largest upper limit of a recording that shows none, as fractions of the movement in a
 decade of time."""
@@ -87,7 +92,7 @@ class CreepEvidence:
     """What a recording shows of creep and drift."""
 
     rates: tuple[float, ...]
-    """Admissible creep rates in 1/s, fastest first, whether there is creep or not; empty if the drive does not
+    """Rates in 1/s, fastest first, of the creep, or all admissible ones if there is none; empty if the drive does not
     determine creep."""
     creep: Estimate | None
     """κ, the fraction of the movement that creep adds in a decade of time; None if undetermined."""
@@ -146,17 +151,18 @@ class CreepEvidence:
         return Columns.of(course(recording.time, recording.duration_s, self.settling), *self.trend.limits)
 
 
-def candidate_rates(sample_time: float, duration_s: float) -> tuple[float, ...]:
+def candidate_rates(sample_time: float, duration_s: float, shift: float = 0.0) -> tuple[float, ...]:
     """Rates in 1/s, one per decade and fastest first, with time constants from ten sampling periods to at most ten
-    times the duration. All share one weight, so that creep continues after the recording as it does within it.
+    times the duration: powers of ten, or these shifted by a fraction of a decade. All share one weight, so that creep
+    continues after the recording as it does within it.
 
     Examples
     --------
     >>> candidate_rates(1e-2, 2.0)
     (10.0, 1.0, 0.1)
     """
-    slowest, fastest = math.log10(1.0 / duration_s), math.log10(0.1 / sample_time)
-    return tuple(float(f"{10.0**k:.6g}") for k in range(math.floor(fastest + 1e-9), math.floor(slowest + 1e-9) - 1, -1))
+    fastest, slowest = (math.floor(math.log10(rate) - shift + 1e-9) for rate in (0.1 / sample_time, 1.0 / duration_s))
+    return tuple(float(f"{10.0 ** (k + shift):.6g}") for k in range(fastest, slowest - 1, -1))
 
 
 def determine(fit: ForwardFit, qp_solver: ProgramSolver) -> CreepEvidence:
@@ -164,21 +170,23 @@ def determine(fit: ForwardFit, qp_solver: ProgramSolver) -> CreepEvidence:
     which any hysteresis rests."""
     s, recording, count = fit.structure, fit.recording, int(np.count_nonzero(fit.counted))
     longest = max(part.stop - part.start for part in recording.parts)
-    rates = candidate_rates(recording.sample_time, (longest - 1) * recording.sample_time)
+    T = recording.sample_time
+    grids = [candidate_rates(T, (longest - 1) * T, shift) for shift in SHIFTS]
+    rates = grids[0]
     at = np.flatnonzero(fit.counted)[:: math.ceil(count / SAMPLES)]
     edges = np.searchsorted(at, recording.starts[1:])
     qp_solver.passes += 1
-    columns, states, decays = _columns(at, fit, rates, min(1.0, math.sqrt(count / ENOUGH)))
+    columns, states, decays = _columns(at, fit, grids, min(1.0, math.sqrt(count / ENOUGH)))
     settlings = [rates[first:] for first in range(len(rates), -1, -1)]
     trends = [course(recording.time[at], recording.duration_s, settling) for settling in settlings]
     signals = np.column_stack([s.unit_output(recording.y)[at], *trends])
-    whole = _judge(columns, signals, states, decays, rates, edges)
+    whole = _judge(columns, signals, states, decays, grids, edges)
     hold = holds(recording)[at]
     rests = hold >= 0
     if whole.creep is not None or np.count_nonzero(rests) <= HELD_SHARE * at.size:
         return replace(whole, absent=False)
     levels = (hold[rests, None] == np.unique(hold[rests])).astype(np.float64)
-    resting = _judge(levels, signals[rests], states[rests], decays[rests], rates, edges[:0])
+    resting = _judge(levels, signals[rests], states[rests], decays[rests], grids, edges[:0])
     if resting.creep is None:
         return replace(whole, absent=resting.absent)
     return replace(resting, independent=whole.independent, shows_drift=whole.shows_drift)
@@ -218,16 +226,17 @@ def _judge(
     signals: Matrix,
     states: Matrix,
     decays: Matrix,
-    rates: tuple[float, ...],
+    grids: Sequence[tuple[float, ...]],
     edges: Index,
 ) -> CreepEvidence:
     """Test for creep and a trend with the columns (M, p) of the null hypothesis; the signals (M, ·) are the output, a
     line over the time, and the settling from ever faster rates on, of parts that begin at the edges."""
     residuals, rank = _residual(columns, np.hstack([signals, states, decays]))
-    ends = np.cumsum([1, signals.shape[1] - 1, len(rates)])
-    error, (trends, creeps, decays) = residuals[:, 0], np.split(residuals, ends, axis=1)[1:]
+    rates, ends = grids[0], np.cumsum([1, signals.shape[1] - 1, states.shape[1]])
+    error, (trends, all_creeps, decays) = residuals[:, 0], np.split(residuals, ends, axis=1)[1:]
     sizes = np.linalg.norm(states - states.mean(axis=0), axis=0)
-    informed = np.linalg.norm(creeps, axis=0) >= INFORMATION * sizes
+    all_informed = np.linalg.norm(all_creeps, axis=0) >= INFORMATION * sizes
+    creeps, informed, sizes = (values[..., : len(rates)] for values in (all_creeps, all_informed, sizes))
     steady = _residual(np.hstack([trends[:, :1], decays]), creeps)[0]
     driven = bool(np.any(np.linalg.norm(steady, axis=0) >= DRIVEN * sizes))
     known = np.linalg.norm(trends, axis=0) / np.linalg.norm(signals[:, 1:] - signals[:, 1:].mean(axis=0), axis=0)
@@ -244,6 +253,10 @@ def _judge(
     absent = bool(unlimited) and 0.0 <= _fit(error, unlimited + drifting, independent)[0][0].limits[1] < NEGLIGIBLE
     if not (creeping and share >= SHARE and chi_square >= CHI_SQUARE):
         creeping = []
+    if creeping and driven:
+        chosen = _spectrum(error, all_creeps, all_informed, [len(grid) for grid in grids], independent)
+        creeping = [(all_creeps[:, chosen].sum(axis=1), LARGEST)]
+        admissible = tuple(np.concatenate(grids)[chosen].tolist())
     left = [_fit(error, [*creeping, (trend, math.inf)], independent)[1] for trend in trends.T]
     costs, count = np.array([float(one @ one) for one in left]), independent(left[0])
     costs[0] *= 1.0 - math.log(count) / count
@@ -264,6 +277,23 @@ def _judge(
         absent,
         independent_samples(np.split(left_over, edges)),
     )
+
+
+def _spectrum(
+    error: Vector, creeps: Matrix, informed: Mask, sizes: Sequence[int], independent: Callable[[Vector], float]
+) -> Index:
+    """Numbers of those consecutive admissible rates of one of the grids, which have ``sizes`` rates, whose creep
+    explains the most of an error (M,); of all those of the first grid unless others explain significantly more."""
+    numbers = np.split(np.arange(informed.size), np.cumsum(sizes)[:-1])
+    grids = [grid[informed[grid]] for grid in numbers]
+    spectra = [grid[first:last] for grid in grids for first, last in combinations(range(grid.size + 1), 2)]
+    spectra.insert(0, grids[0])
+    columns = np.column_stack([creeps[:, spectrum].sum(axis=1) for spectrum in spectra])
+    products, squares = columns.T @ error, np.sum(columns**2, axis=0)
+    kappa = np.clip(products / squares, 0.0, LARGEST)
+    left = float(error @ error) - kappa * (2.0 * products - kappa * squares)
+    best, count = int(np.argmin(left)), independent(error - kappa[0] * columns[:, 0])
+    return spectra[best if left[best] < (1.0 - SPECTRUM_CHI_SQUARE / count) * left[0] else 0]
 
 
 def _fit(
@@ -305,12 +335,15 @@ def _residual(columns: Matrix, signals: Matrix) -> tuple[Matrix, int]:
     return signals, int(np.count_nonzero(kept))
 
 
-def _columns(at: Index, fit: ForwardFit, rates: tuple[float, ...], richness: float) -> tuple[Matrix, Matrix, Matrix]:
+def _columns(
+    at: Index, fit: ForwardFit, grids: Sequence[tuple[float, ...]], richness: float
+) -> tuple[Matrix, Matrix, Matrix]:
     """Columns of the null hypothesis, creep states of each rate, and decays of each rate in each part, at the samples
     ``at``."""
     s, recording, count = fit.structure, fit.recording, max(1, int(PLAYS * richness))
     r, columns = np.arange(count + 1) / (count + 1), []
-    plays, states = np.empty((at.size, r.size)), np.empty((at.size, len(rates)))
+    rates, every = grids[0], np.concatenate(grids)
+    plays, states = np.empty((at.size, r.size)), np.empty((at.size, every.size))
     decays, change = np.zeros((at.size, len(recording.starts), len(rates))), np.empty(at.size)
     for i, (part, start) in enumerate(zip(recording.parts, fit.states, strict=True)):
         inside = (at >= part.start) & (at < part.stop)
@@ -320,7 +353,7 @@ def _columns(at: Index, fit: ForwardFit, rates: tuple[float, ...], richness: flo
         for j, before in enumerate(np.interp(r, s.thresholds, start.play[: s.n + 1])):  # one at a time, to save memory
             plays[inside, j] = play(x, r[j : j + 1], [before])[0][rows, 0]
         decays[inside, i] = np.exp(-np.outer(rows * s.sample_time, rates))
-        for j, rate in enumerate(rates):
+        for j, rate in enumerate(every):
             states[inside, j] = creep(x, [0.0], [rate], s.sample_time, x[:1])[0][rows, 0]
     columns.append(change)
     for j, z in enumerate(plays.T):

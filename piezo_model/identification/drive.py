@@ -29,8 +29,9 @@ at the ends has no inner loops."""
 BINS, MOST_LEVELS, TOO_FEW, ELSEWHERE = 100, 20, 4, 0.01
 """Bins of the drive's range; most levels of a staircase; most levels that determine no hysteresis; largest share of the
 samples between the levels of a staircase."""
-COHERENT, FAINT = 0.5, 1e-9
-"""Smallest coherence; smallest power of a frequency, relative to the strongest one, above the leakage of the window."""
+COHERENT, FAINT, HARDLY = 0.5, 1e-9, 1e-3
+"""Smallest coherence; smallest power of a frequency, relative to the strongest one, above the leakage of the window;
+share of the power that is hardly any."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ def identifiability_of(recording: Recording, skip: int, evidence: CreepEvidence)
     x = recording.x[skip:]
     levels = level_count(x)
     hysteresis = not is_monotonic(x) and roughness(x) <= ROUGH and not 0 < levels <= TOO_FEW
-    one_loop, highest = hysteresis and has_one_loop(x), highest_frequency(recording)
+    one_loop, (_, highest) = hysteresis and has_one_loop(x), band_of(recording)
     return Identifiability(hysteresis, bool(evidence.rates), evidence.shows_drift, highest, one_loop, levels)
 
 
@@ -118,17 +119,19 @@ def has_one_loop(x: Vector) -> bool:
     return bool(turns.size and np.all(np.abs(turns - 0.5) > 0.5 - END))
 
 
-def highest_frequency(recording: Recording) -> float:
-    """Highest frequency in Hz at which the output follows the drive; 0 if there is none.
+def band_of(recording: Recording) -> tuple[float, float]:
+    """Frequencies in Hz: the one below which the drive has hardly any power, and the highest at which the output
+    follows it; infinite and 0 for a recording that is too short.
 
     Examples
     --------
     >>> t = np.arange(20_000) / 1000
     >>> x, noise = np.sin(2 * np.pi * t**2), np.random.default_rng(0).normal(size=t.size)
-    >>> 38 < highest_frequency(Recording.from_arrays(x, 2 * x + 0.01 * noise, 1e-3)) < 45
-    True
+    >>> low, high = band_of(Recording.from_arrays(x, 2 * x + 0.01 * noise, 1e-3))
+    >>> low < 1, 38 < high < 45
+    (True, True)
     """
-    highest = 0.0
+    lowest, highest = math.inf, 0.0
     for sample_time, part in zip(recording.periods, recording.parts, strict=True):
         x, y = (signal[part][: max(0, SAMPLES - part.start)] for signal in (recording.x, recording.y))
         segment = min(LONGEST_SEGMENT, x.size // SEGMENTS)
@@ -137,5 +140,6 @@ def highest_frequency(recording: Recording) -> float:
         spectra = [csd(*pair, 1.0 / sample_time, "blackmanharris", segment) for pair in ((x, x), (y, y), (x, y))]
         f, (xx, yy, xy) = spectra[0][0], (np.abs(spectrum) for _, spectrum in spectra)
         follows = (xy**2 > COHERENT * xx * yy) & (xx > FAINT * xx.max())
+        lowest = min(lowest, float(f[np.cumsum(xx) >= HARDLY * xx.sum()][0]))
         highest = max(highest, float(f[follows].max(initial=0.0)))
-    return highest
+    return lowest, highest

@@ -25,7 +25,7 @@ from scipy.signal import correlate
 from piezo_model import checks
 from piezo_model.dynamics import Dynamics
 from piezo_model.identification.autocorrelation import DEVIATIONS
-from piezo_model.identification.drive import highest_frequency
+from piezo_model.identification.drive import band_of
 from piezo_model.identification.dynamics_finding import DynamicsFinding
 from piezo_model.identification.dynamics_parameters import LONGEST, SMALLEST_GAIN, Parameters
 from piezo_model.identification.dynamics_trials import CLEAR, COARSE, DynamicsTrials, as_of_static, parameters_of
@@ -39,9 +39,10 @@ from piezo_model.units import quantity
 DynamicsChoice = Literal["estimate", "ignore"]
 LagChoice = Literal["estimate", "remove", "ignore"]
 
-SAMPLES, DELAY, WHOLE = 100_000, 0.7, 0.7
+SAMPLES, DELAY, WHOLE, ALIASED = 100_000, 0.7, 0.7, 1 / 6
 """Samples from the start that are used; initial delay in samples; share of the static gain below which one fit also
-starts with the residual compliance of the scan."""
+starts with the residual compliance of the scan; lowest frequency of a drive in cycles a sample, above which all
+harmonics of hysteresis are aliased and look like modes."""
 SMALLEST_LAG, GAIN, RESOLUTION, STEPS = 0.1, 0.1, 0.01, 10
 """Smallest lag in samples that is significant; smallest relative gain of the error; distance from the search limit, in
 samples, at which the lag may be longer; most steps of a fit, each of which moves by about a sample."""
@@ -139,8 +140,8 @@ def _with_modes(
     if segment_of(head) < SHORTEST_SEGMENT:
         return None, None
     spectra = Spectra(head)
-    peak = spectra.peak()
-    if not peak.is_plausible or (peak.damping > LIGHTLY_DAMPED and peak.frequency_Hz > highest_frequency(head)):
+    peak, (lowest, highest) = spectra.peak(), band_of(head)
+    if not peak.is_plausible or (peak.damping > LIGHTLY_DAMPED and peak.frequency_Hz > highest) or lowest * T > ALIASED:
         return None, None
     share = 1.0 if peak.share > WHOLE else max(peak.share, SMALLEST_GAIN)
     begin = Dynamics((peak.frequency_Hz,), (peak.damping,), (share,), DELAY * T)

@@ -390,7 +390,7 @@ def _with_report(
             "rms_percent": percent_of(identification.span, fit.rms),
         },
         selection=selection,
-        intervals=intervals(fit) if options.estimator == "forward" else None,
+        intervals=intervals(fit, options.chooses_creep) if options.estimator == "forward" else None,
         figures=figures_of(model),
         units=recording.units,
     )

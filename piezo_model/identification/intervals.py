@@ -6,8 +6,9 @@ where σ² is the variance of the error, and τ = 1 + 2 Σ ρ_k its autocorrelat
 independent. The interval of a weight at its bound 0 reaches from 0 to 1.96 times the standard deviation that the weight
 would have as a free unknown. The same holds for hysteresis and creep, which are never negative. In a model with creep
 the offset has no interval: it is that of a stage which has settled for an infinite time.
-The intervals hold for given orders, and do not include the uncertainty of their choice. There are none if the
-independent samples are no more than the unknowns.
+The intervals hold for given orders, and do not include the uncertainty of their choice. Where the data choose the rates
+of creep, one a decade, gain, hysteresis and creep are further uncertain by the creep of a fraction of a decade. There
+are no intervals if the independent samples are no more than the unknowns.
 """
 
 import math
@@ -21,11 +22,12 @@ from piezo_model.identification.forward import ForwardFit
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.units import SMALLEST_PERCENT
 
-LEAST, STEP = np.array([-math.inf, 0.0, 0.0, -math.inf]), 1e-4
-"""Lower bounds of the figures; step of a weight for their finite differences, normalised units."""
+LEAST, STEP, CHOSEN = np.array([-math.inf, 0.0, 0.0, -math.inf]), 1e-4, 0.1
+"""Lower bounds of the figures; step of a weight for their finite differences, normalised units; standard deviation by
+the choice of creep rates, in decades of creep."""
 
 
-def intervals(fit: ForwardFit) -> dict[str, Any] | None:
+def intervals(fit: ForwardFit, rates_chosen: bool) -> dict[str, Any] | None:
     """Intervals [low, high] of the weights of a fit, in the order of ``weight_names``, and of the figures by name; None
     for a weight that the data do not determine. None if no interval can be given."""
     s, T = fit.structure, fit.structure.slope_map
@@ -48,6 +50,8 @@ def intervals(fit: ForwardFit) -> dict[str, Any] | None:
         np.sqrt(np.maximum(np.einsum("ik,ij,jk->k", slopes, covariance[np.ix_(moved, moved)], slopes), 0.0))
         for covariance in (C, np.diag(released))
     )
+    by_choice = CHOSEN * rates_chosen * at["creep_percent_per_decade"] * np.array([at["gain"] / 100.0, 1.0, 1.0, 0.0])
+    spread = np.hypot(spread, by_choice)
     wide = DEVIATIONS * np.where(values < LEAST + SMALLEST_PERCENT, np.maximum(hidden, spread), spread)
     between = np.column_stack([np.maximum(values - wide, LEAST), values + wide]).tolist()
     return {

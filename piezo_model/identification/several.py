@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from piezo_model.identification.adequacy import Fit, fit_of
-from piezo_model.identification.creep import CreepEvidence, Estimate, candidate_rates, determine
+from piezo_model.identification.creep import CreepEvidence, Estimate, determine
 from piezo_model.identification.drive import identifiability_of
 from piezo_model.identification.dynamics import LagChoice, StaticView
 from piezo_model.identification.error_model import (
@@ -207,12 +207,11 @@ def _creep(
     if trend is not None:  # over half of the longest recording
         of_longest = decisive.recording.duration_s == whole.duration_s and not evidence.settling
         trend = Estimate(scale * trend.value, scale * trend.se) if of_longest else None
-    every = candidate_rates(whole.sample_time, whole.duration_s)
-    slower = max(evidence.rates, default=math.inf)
     creep = max(estimates, key=lambda estimate: estimate.limits[1], default=None)
-    return replace(evidence, creep=creep, trend=trend, settling=()), [
-        every[k:] for k, rate in enumerate(every) if rate >= slower
-    ]
+    rates = [evidence.rates]
+    while rates[-1] and 100.0 * rates[-1][0] * whole.sample_time <= 1.0:
+        rates.append((10.0 * rates[-1][0], *rates[-1]))
+    return replace(evidence, creep=creep, trend=trend, settling=()), rates
 
 
 def split_fit(recording: Recording, fit: ForwardFit) -> Iterator[tuple[Recording, ForwardFit, Fit]]:
