@@ -210,7 +210,7 @@ def _creep(
     creep = max(estimates, key=lambda estimate: estimate.limits[1], default=None)
     rates = [evidence.rates]
     while rates[-1] and 100.0 * rates[-1][0] * whole.sample_time <= 1.0:
-        rates.append((10.0 * rates[-1][0], *rates[-1]))
+        rates.append((float(f"{10.0 * rates[-1][0]:.6g}"), *rates[-1]))
     return replace(evidence, creep=creep, trend=trend, settling=()), rates
 
 
