@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from learning_loops import learner_for, sensor, steps
+from learning_loops import at_work
 from qpsolvers import Problem
 
 import solvers
@@ -15,9 +15,8 @@ from piezo_model.learning.solving import step_ratio
 
 def learning(solver: str, learn_s: float = 20.0, **options: object) -> SelfLearningCompensator:
     """A learner at the beginning of its learning phase."""
-    plant = sensor()
-    learner = learner_for(plant, "cyclic", solver, build_s=2.0, learn_s=learn_s, **options)
-    learner.run(steps(plant, 2.1), plant.run)
+    plant, learner, y_ref = at_work(2.1, "cyclic", solver, build_s=2.0, learn_s=learn_s, **options)
+    learner.run(y_ref, plant.run)
     assert learner.phase is Phase.LEARN
     return learner
 

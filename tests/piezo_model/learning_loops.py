@@ -2,6 +2,7 @@
 fault, and invalid references."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,12 @@ def structure_for(plant: plants.Plant, offset: bool = True, n: int = 5, m: int =
     return ModelStructure.equidistant(n, m, plant.x_range, plant.y_range, (100.0, 10.0, 1.0, 0.1), T, offset=offset)
 
 
+def stretched(factor: float) -> ModelStructure:
+    """The structure of an actuator whose ranges were given too wide by a factor."""
+    true = structure_for(sensor())
+    return replace(true, x_scale=factor * true.x_scale, y_scale=factor * true.y_scale)
+
+
 PLANT = plants.get("relay_preisach", sample_time=T)
 STRUCTURE = structure_for(PLANT)
 MODEL = HysteresisCreepModel.from_weights(STRUCTURE, STRUCTURE.straight_line)
@@ -42,13 +49,27 @@ MODEL = HysteresisCreepModel.from_weights(STRUCTURE, STRUCTURE.straight_line)
 
 
 def learner_for(
-    plant: plants.Plant, mode: str = "cyclic", solver: str = "box_active_set", offset: bool = True, **options: Any
+    plant: plants.Plant,
+    mode: str = "cyclic",
+    solver: str = "box_active_set",
+    offset: bool = True,
+    n: int = 5,
+    m: int = 3,
+    **options: Any,
 ) -> SelfLearningCompensator:
     """A learner of an actuator at the low end of its drive."""
-    structure = structure_for(plant, offset)
+    structure = structure_for(plant, offset, n, m)
     chosen = {"reset_s": 0.1, "build_s": 4.0, "learn_s": 0.5, "hand_over_s": 0.02, "solve_delay_samples": 5, **options}
     start = OperatorState.settled_at(structure, structure.x_range[0], came_from="above")
     return SelfLearningCompensator(structure, solver=solver, mode=mode, state=start, **chosen)
+
+
+def at_work(
+    seconds: float, *of_learner: str, plant: str = "dense_prandtl_ishlinskii", **options: Any
+) -> tuple[plants.Sensor, SelfLearningCompensator, Vector]:
+    """An actuator, its learner, and a reference for it."""
+    one = sensor(plant)
+    return one, learner_for(one, *of_learner, **options), steps(one, seconds)
 
 
 SENSOR_FAULTS: dict[str, Callable[[Any, Vector, np.random.Generator, float], Vector]] = {

@@ -21,7 +21,6 @@ from piezo_model import (
     DataBasis,
     Dynamics,
     HysteresisCreepModel,
-    ModelStructure,
     OperatorState,
     Recording,
     SelfLearningCompensator,
@@ -230,15 +229,15 @@ WRONG_FOR_A_BANK: dict[str, tuple[Callable[[], Any], str]] = {
 """``test_changes`` asks of most of these that the bank is as it was."""
 
 WRONG_SETTINGS: dict[str, tuple[Callable[[], Any], str]] = {
-    "one creep rate": (lambda: equidistant(creep_rates=10.0), r"creep_rates must be a vector, such as \[1.0, 2.0\]"),
-    "orders": (lambda: equidistant(n=5.0), "n must be a whole number from 0 to 1000, not 5.0"),
-    "a truth value as order": (lambda: equidistant(m=True), "m must be a whole number from 0 to 1000, not True"),
-    "an order without bound": (lambda: equidistant(n=10**9), "n must be a whole number from 0 to 1000, not 10"),
-    "a range of one number": (lambda: equidistant(x_range=150.0), "x_range must be two finite numbers in ascending"),
-    "a range of three": (lambda: equidistant(y_range=(0, 1, 2)), "y_range must be two finite numbers that differ"),
-    "a word for a time": (lambda: equidistant(sample_time="1 ms"), "sample_time must be from .*, not '1 ms'"),
-    "a number for a unit": (lambda: equidistant(input_unit=3), "input_unit must be a unit of at most 1000 characters"),
-    "words for rates": (lambda: equidistant(creep_rates=["fast"]), "creep_rates must hold real numbers"),
+    "one creep rate": (lambda: structure(creep_rates=10.0), r"creep_rates must be a vector, such as \[1.0, 2.0\]"),
+    "orders": (lambda: structure(n=5.0), "n must be a whole number from 0 to 1000, not 5.0"),
+    "a truth value as order": (lambda: structure(m=True), "m must be a whole number from 0 to 1000, not True"),
+    "an order without bound": (lambda: structure(n=10**9), "n must be a whole number from 0 to 1000, not 10"),
+    "a range of one number": (lambda: structure(x_range=150.0), "x_range must be two finite numbers in ascending"),
+    "a range of three": (lambda: structure(y_range=(0, 1, 2)), "y_range must be two finite numbers that differ"),
+    "a word for a time": (lambda: structure(sample_time="1 ms"), "sample_time must be from .*, not '1 ms'"),
+    "a number for a unit": (lambda: structure(input_unit=3), "input_unit must be a unit of at most 1000 characters"),
+    "words for rates": (lambda: structure(creep_rates=["fast"]), "creep_rates must hold real numbers"),
     "a number as structure": (lambda: identify(DRIVE, OUTPUT, 1e-3), "structure must be a ModelStructure, not 0.001"),
     "a skip in seconds": (lambda: identify(DRIVE, OUTPUT, STRUCTURE, skip=0.5), "skip must be a whole number"),
     "no structure of a basis": (lambda: DataBasis(MODEL), "structure must be a ModelStructure"),
@@ -264,11 +263,6 @@ WRONG_SETTINGS: dict[str, tuple[Callable[[], Any], str]] = {
         "must be vectors of the same length, not of shapes",
     ),
 }
-
-
-def equidistant(**changes: Any) -> ModelStructure:
-    usual = {"n": 5, "m": 3, "x_range": (0, 150), "y_range": (-20, 20), "creep_rates": (10.0,), "sample_time": T}
-    return ModelStructure.equidistant(**{**usual, **changes})
 
 
 OTHER = structure_for(PLANT, n=12)
@@ -299,7 +293,7 @@ OPTIONS_OF_SIGNALS: dict[str, dict[str, float]] = {
 PROBLEM = basis_of(DRIVE, OUTPUT, states()).problem()
 OF: dict[str, tuple[Callable[..., object], tuple[tuple[dict[str, Any], str], ...]]] = {
     "a structure": (
-        equidistant,
+        structure,
         (
             ({"n": -1}, "n must be a whole number from 0 to 1000, not -1"),
             ({"x_range": (1.0, 1.0)}, r"x_range must be two finite numbers in ascending order, not \(1.0, 1.0\)"),

@@ -1,14 +1,12 @@
 """A bank of compensators, compared with single compensators, single programs and plain NumPy."""
 
-import os
-import subprocess
-import sys
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import plain_model
 import pytest
+from command_line import python
 from numpy.typing import NDArray
 from plain_model import Matrix, Vector
 from qpsolvers import Problem
@@ -256,8 +254,7 @@ def test_one_that_pauses_goes_on_alike_whether_the_others_paused_or_not() -> Non
 
 
 SCRIPT = """
-import hashlib, sys
-sys.path.insert(0, sys.argv[1])
+import hashlib
 from test_bank import STRUCTURE, Actuators, CompensatorBank, close_loop, references
 bank = CompensatorBank(STRUCTURE, 9, hand_over_s=0.02)
 x, _ = close_loop(bank, Actuators(9), references(500, 9))
@@ -269,14 +266,5 @@ print(hashlib.sha256(x.tobytes()).hexdigest())
 @pytest.mark.skipif(len(instruction_sets()) == 1, reason="this kind of machine has one instruction set")
 def test_every_instruction_set_gives_the_same_bits() -> None:
     here = [each for each in instruction_sets() if int(each[1:]) <= bindings.processor_level()]
-    digests = [
-        subprocess.run(
-            [sys.executable, "-c", SCRIPT, str(Path(__file__).parent)],
-            env={**os.environ, "PIEZOBENCH_ISA": each},
-            check=True,
-            capture_output=True,
-            text=True,
-        ).stdout
-        for each in here[:: max(1, len(here) - 1)]  # the least and the largest; test_core compares all
-    ]
-    assert len(set(digests)) == 1
+    extremes = here[:: max(1, len(here) - 1)]  # the least and the largest; test_core compares all
+    assert len({python("-c", SCRIPT, PIEZOBENCH_ISA=each).stdout for each in extremes}) == 1

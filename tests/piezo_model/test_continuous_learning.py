@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from learning_loops import MODES, T, error_of, learner_for, rms_percent, sensor, steps
+from learning_loops import MODES, T, at_work, error_of, learner_for, rms_percent, sensor, steps
 
 from piezo_model import HysteresisCreepModel, ModelStructure, OperatorState, SelfLearningCompensator, plants
 from piezo_model.learning.events import Phase
@@ -14,9 +14,8 @@ from piezo_model.signals import multi_sine
 
 def learned(share: float = 1.0) -> tuple[plants.Sensor, SelfLearningCompensator, np.ndarray, float]:
     """A plant, its learner after one reference, the reference, and the remaining error."""
-    plant = sensor()
-    learner, y_ref = learner_for(plant, "continuous"), share * steps(plant, 20.0)
-    return plant, learner, y_ref, error_of(learner, y_ref, plant.run, plant, slice(-5000, None))
+    plant, learner, y_ref = at_work(20.0, "continuous")
+    return plant, learner, share * y_ref, error_of(learner, share * y_ref, plant.run, plant, slice(-5000, None))
 
 
 def test_it_follows_a_drift_of_the_gain_better_than_cycles_and_within_twice_the_error_without() -> None:
@@ -84,8 +83,7 @@ def test_a_program_has_an_optimum_where_noise_is_most_of_it(forgetting_time_s: f
 
 
 def test_a_hand_over_drops_no_sample_and_the_log_has_the_first_one_only() -> None:
-    plant = sensor()
-    learner, y_ref = learner_for(plant, "continuous"), steps(plant, 30.0)
+    plant, learner, y_ref = at_work(30.0, "continuous")
     learner.run(y_ref, plant.run)
     assert learner.samples == y_ref.size == sum(learner.counts[v] for v in ("good", "missing", "refused", "jumped"))
     assert learner.counts["hand_overs"] > 500
@@ -127,9 +125,8 @@ def test_another_solver_is_called_at_each_interval_and_does_as_well() -> None:
     errors = {}
     # the last one is the default, which selects the exact solver
     for solver in ("box_active_set", "daqp", "projected_difference"):
-        plant = sensor()
-        learner, y_ref = learner_for(plant, "continuous", solver, hand_over_s=0.05), 0.7 * steps(plant, 10.0)
-        errors[solver] = error_of(learner, y_ref, plant.run, plant, slice(-4000, None))
+        plant, learner, y_ref = at_work(10.0, "continuous", solver, hand_over_s=0.05)
+        errors[solver] = error_of(learner, 0.7 * y_ref, plant.run, plant, slice(-4000, None))
         assert learner.counts["hand_overs"] > 20
     assert errors["box_active_set"] == errors["projected_difference"] == pytest.approx(errors["daqp"], rel=0.02)
 

@@ -11,7 +11,7 @@ import pytest
 from driven_plants import NAMES
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from learning_loops import MODES, WAYS, T, Vector, error_of, learner_for, sensor, steps, structure_for
+from learning_loops import MODES, WAYS, T, Vector, error_of, learner_for, sensor, steps, stretched, structure_for
 from random_models import drive
 
 from piezo_model import (
@@ -187,12 +187,6 @@ def test_an_output_beyond_its_range_counts_in_a_piece_without_a_fault_only() -> 
     assert [driven.observe((-1.0, 1.0, -1.0, 1.0), WIDE) for _ in range(4)] == [None] * 4
     assert driven.observe((-1.0, 1.0, -3.0, 1.0), WIDE) is None
     assert driven.observe((-1.0, 1.0, -1.0, 1.0), WIDE) is not None
-
-
-def stretched(factor: float) -> ModelStructure:
-    """The structure of an actuator whose ranges were given too wide by a factor."""
-    true = structure_for(sensor())
-    return replace(true, x_scale=factor * true.x_scale, y_scale=factor * true.y_scale)
 
 
 @pytest.mark.sample(2)

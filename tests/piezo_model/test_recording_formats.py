@@ -15,8 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 import scipy.io
 from command_line import python
-from recording_files import N, X, Y, refusal
-from recording_files import workbook as table_workbook
+from recording_files import N, X, Y, refusal, text_file, workbook
 
 from piezo_model.recordings import Recording, formats
 from piezo_model.recordings.array_table import Arrays
@@ -108,7 +107,7 @@ tdms_groups = tdms(
 
 
 def mat_struct(path: Path) -> None:
-    channels = [{"Name": "Piezo voltage", "Data": X, "Unit": "V"}, {"Name": "Position sensor", "Data": Y, "Unit": "um"}]
+    channels = {"Name": "Piezo voltage", "Data": X, "Unit": "V"}, {"Name": "Position sensor", "Data": Y, "Unit": "um"}
     scipy.io.savemat(
         path, {"recorded": {"X": {"Name": "time", "Data": T}, "Y": np.array(channels, object), "Description": "stage"}}
     )
@@ -126,9 +125,9 @@ def mat_7_3(path: Path) -> None:
         file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
 
 
-def workbook(path: Path) -> None:
+def excel(path: Path) -> None:
     """With another table beside the recording, on the second sheet."""
-    book = table_workbook(path, ["nothing here"])
+    book = workbook(path, ["nothing here"])
     sheet, rows = book.create_sheet("Messung 1"), zip(T.tolist(), X.tolist(), Y.tolist(), strict=True)
     heads = ["Operator", "K"], [], ["f", "gain", None, "Zeit", "Spannung", "Weg"], [None, None, None, "s", "V", "µm"]
     for row in (*heads, *([k, y, None, t, x, y] for k, (t, x, y) in enumerate(rows)), ["Ende"]):
@@ -221,9 +220,9 @@ FORMATS: dict[str, tuple[Callable[[Path], Any], dict[str, str]]] = {
         {"time": "t", "input": "voltage_V", "output": "y_um"},
     ),
     "NPZ": (numpy_file(np.savez, u=X, y=Y, dt=PERIOD), {"input": "u", "output": "y"}),
-    "Excel": (workbook, {"time": "Zeit", "input": "Spannung", "output": "Weg"}),
+    "Excel": (excel, {"time": "Zeit", "input": "Spannung", "output": "Weg"}),
     "Excel of texts": (
-        lambda path: table_workbook(
+        lambda path: workbook(
             path, ["t", "u", "y"], *([f"{v:.6f}".replace(".", ",") for v in row] for row in zip(T, X, Y, strict=True))
         ),
         {"time": "t", "input": "u", "output": "y"},
@@ -259,8 +258,7 @@ def test_a_damaged_file_of_any_format_is_refused(tmp_path: Path) -> None:
     for name in FORMATS:
         path = made(tmp_path, name)
         content = path.read_bytes()
-        is_text = name.startswith("GCS")
-        path.write_bytes(content.replace(b"0", b"x") if is_text else content[: len(content) * 2 // 5])
+        path.write_bytes(content.replace(b"0", b"x") if "GCS" in name else content[: len(content) * 2 // 5])
         try:
             recording = Recording.open(path)
         except ValueError:
@@ -308,8 +306,7 @@ def test_a_missing_library_is_a_sentence_that_says_what_to_install(tmp_path: Pat
     paths = [made(tmp_path, name).rename(tmp_path / package) for name, package in packages.items()]
     (tmp_path / "absent").mkdir()
     for package in packages.values():
-        program = f"raise ModuleNotFoundError('there is none', name={package!r})"
-        (tmp_path / "absent" / f"{package}.py").write_text(program)
+        text_file(tmp_path / "absent", f"raise ModuleNotFoundError(name={package!r})", name=f"{package}.py")
     sentences = python("-c", READ_EACH, *paths, first=tmp_path / "absent").stdout.splitlines()
     for path, sentence in zip(paths, sentences, strict=True):
         assert sentence.startswith(f"{path}: is ")
@@ -423,7 +420,7 @@ def test_a_workbook_past_midnight_is_read(tmp_path: Path, over: float, shown: st
     """In Excel a time is a number of days; one without date is shown as a time of day before the first midnight and as
     a date after it."""
     days = (over - (2 - np.arange(400) / 100) / 86400) % (1.0 if over == 2.0 and shown[0] == "h" else np.inf)
-    book = table_workbook(tmp_path / "stage.xlsx", ["t", "voltage_V", "height_um"], *zip(days, X, Y, strict=False))
+    book = workbook(tmp_path / "stage.xlsx", ["t", "voltage_V", "height_um"], *zip(days, X, Y, strict=False))
     for row in range(2, 402):
         book.active.cell(row, 1).number_format = shown
     book.save(tmp_path / "stage.xlsx")
@@ -435,10 +432,7 @@ def test_a_workbook_past_midnight_is_read(tmp_path: Path, over: float, shown: st
     ("cell", "shown"), [("over", "'over'"), (datetime(2024, 1, 31), "'2024-01-31T00:00:00.000000'")]
 )
 def test_a_cell_that_is_not_a_number_is_named_with_row_and_sheet(tmp_path: Path, cell: object, shown: str) -> None:
-    book = table_workbook(
-        tmp_path / "stage.xlsx", ["t", "voltage_V", "height_um"], *([k / 10, k % 7, k % 5] for k in range(50))
-    )
-    book.active["B7"] = cell
-    book.save(tmp_path / "stage.xlsx")
+    cells = ([k / 10, cell if k == 5 else k % 7, k % 5] for k in range(50))
+    workbook(tmp_path / "stage.xlsx", ["t", "voltage_V", "height_um"], *cells)
     sentence = f"column 'voltage_V' holds {shown} in row 7 of sheet 'Sheet' (data row 6), where a number is needed"
     assert sentence in refusal(tmp_path / "stage.xlsx")

@@ -24,21 +24,15 @@ from piezo_model.recordings.formats import libraries
 HUGE = 10**12
 
 
-def hdf5(**shapes: Any) -> Callable[[Path], None]:
+def hdf5(*, chunks: Any = True, maxshape: Any = None, **shapes: Any) -> Callable[[Path], None]:
     """Compressed datasets without any chunk."""
 
     def write(path: Path) -> None:
         with h5py.File(path, "w") as file:
             for name, shape in shapes.items():
-                file.create_dataset(name, shape, "f8", compression="gzip", chunks=True)
+                file.create_dataset(name, shape, "f8", compression="gzip", chunks=chunks, maxshape=maxshape)
 
     return write
-
-
-def hdf5_chunk(path: Path) -> None:
-    with h5py.File(path, "w") as file:
-        for name in ("time", "voltage", "displacement"):
-            file.create_dataset(name, (N,), "f8", compression="gzip", chunks=(2**29 - 1,), maxshape=(None,))
 
 
 def element(kind: int, data: bytes, length: int | None = None) -> bytes:
@@ -110,7 +104,10 @@ HOSTILE: dict[str, tuple[Callable[[Path], Any], str]] = {
     "HDF5": (hdf5(time=HUGE, voltage=HUGE, displacement=HUGE), MORE),
     "HDF5 batch": (hdf5(time=10**6, voltage=(10**6, 1000), displacement=(10**6, 1000)), MORE),
     "HDF5 of columns": (hdf5(data=(10**6, 10**6)), "columns, more than the limit of 10000"),
-    "HDF5 of a chunk": (hdf5_chunk, MORE),
+    "HDF5 of a chunk": (
+        hdf5(chunks=(2**29 - 1,), maxshape=(None,), time=(N,), voltage=(N,), displacement=(N,)),
+        MORE,
+    ),
     "MAT 5 compressed": (lambda path: mat_5(zeros_bomb((1, 37_500_000)))(path), MORE),
     "MAT 5 compressed, of another shape": (lambda path: mat_5(zeros_bomb((1, 1)))(path), MORE),
     "MAT 5 letters": (mat_5(array(CHAR, (1, 2**31 - 1), element(4, b""))), MORE),

@@ -22,18 +22,20 @@ from learning_loops import (
     WAYS,
     FaultySensor,
     T,
+    at_work,
     error_of,
     learner_for,
     rms_percent,
     sensor,
     spoiled,
     steps,
+    stretched,
     structure_for,
 )
 from programs import ALL
 from qpsolvers import Problem
 
-from piezo_model import CompensatorBank, Dynamics, OperatorState, SelfLearningCompensator, plants
+from piezo_model import CompensatorBank, Dynamics, SelfLearningCompensator, plants
 from piezo_model.learning.events import Phase
 from piezo_model.learning.learner_file import read_learner, write_learner
 from piezo_model.learning.solving import solved
@@ -59,30 +61,27 @@ RINGS = Dynamics((60.0,), (0.02,), (0.9,), 1.5 * T)
 
 def narrow(mode: str, dynamics: Dynamics | None = None) -> SelfLearningCompensator:
     """A learner whose ranges are half of the true ones, so that it widens them."""
-    one = sensor()
-    true = structure_for(one)
-    half = replace(true, x_scale=0.5 * true.x_scale, y_scale=0.5 * true.y_scale)
+    half = stretched(0.5)
     line = replace(HysteresisCreepModel.from_weights(half, half.straight_line), dynamics=dynamics)
-    given = {"model": line, "adapt_range": True, "integral_gain": 5.0, "rate_limit": RATE_LIMIT} if dynamics else {}
-    chosen: dict[str, Any] = {"hand_over_s": 0.02, "solve_delay_samples": 200, **given}
-    return SelfLearningCompensator(half, 0.1, 2.0, 0.2, "box_active_set", one.x_range, mode, **chosen)
+    options: dict[str, Any] = {"hand_over_s": 0.02, "solve_delay_samples": 200}
+    options |= {"model": line, "adapt_range": True, "integral_gain": 5.0, "rate_limit": RATE_LIMIT} if dynamics else {}
+    return SelfLearningCompensator(half, 0.1, 2.0, 0.2, "box_active_set", sensor().x_range, mode, **options)
 
 
-def ringing(mode: str) -> SelfLearningCompensator:
-    """The same for a stage with a resonance."""
-    return narrow(mode, RINGS)
+LEARNERS: dict[str, Callable[[], SelfLearningCompensator]] = {
+    **{f"{mode}, {solver}": partial(fresh, mode, solver) for mode, solver in WAYS},
+    **{f"{mode}, narrow": partial(narrow, mode) for mode in MODES},
+    **{f"{mode}, narrow, ringing": partial(narrow, mode, RINGS) for mode in MODES},
+}
 
 
-@pytest.mark.parametrize(
-    ("make", "options"),
-    [*((fresh, options) for options in WAYS), *((make, (mode,)) for make in (narrow, ringing) for mode in MODES)],
-    ids=lambda value: "-".join(value) if isinstance(value, tuple) else value.__name__,
-)
+@pytest.mark.parametrize("name", LEARNERS)
 def test_runs_and_replays_saved_in_the_middle_of_any_phase_equal_single_steps_bit_for_bit_through_a_gap_and_a_jump(
-    make: Callable[..., SelfLearningCompensator], options: tuple[str, ...], tmp_path: Path
+    name: str, tmp_path: Path
 ) -> None:
-    one, two = (plants.Flexure(sensor(), RINGS) if make is ringing else sensor() for _ in range(2))
-    y_ref, added, stepped, ran, before = steps(one, 12.0), np.zeros(12_000), make(*options), make(*options), [math.nan]
+    make, rings = LEARNERS[name], "ringing" in name
+    one, two = (plants.Flexure(sensor(), RINGS) if rings else sensor() for _ in range(2))
+    y_ref, added, stepped, ran, before = steps(one, 12.0), np.zeros(12_000), make(), make(), [math.nan]
     y_ref[3000:3020], added[1000:1010], added[6000:6080] = np.nan, np.nan, 15.0
     for y, error in zip(y_ref.tolist(), added.tolist(), strict=True):
         before.append(two.step(stepped.step(y, before[-1])) + error)
@@ -94,7 +93,7 @@ def test_runs_and_replays_saved_in_the_middle_of_any_phase_equal_single_steps_bi
         ]
     )
     np.testing.assert_array_equal(y, before[1:])
-    replayed, parts, phases = make(*options), [], set()
+    replayed, parts, phases = make(), [], set()
     for start, stop in pairwise((0, 50, 1005, 1500, 1850, 2090, 2200, 2300, 5000, 6010, 6050, 6100, 8000, 12_000)):
         parts.append(replayed.replay(y_ref[start:stop], np.array(before[start:stop])))
         phases.add(replayed.phase)
@@ -104,8 +103,8 @@ def test_runs_and_replays_saved_in_the_middle_of_any_phase_equal_single_steps_bi
     assert replayed.counts == stepped.counts
     assert [event.message for event in replayed.log] == [event.message for event in stepped.log]
     assert {Phase.RESET, Phase.LEARN} <= phases
-    assert {"hand-over", "sensor", *(["range"] if make is not fresh else [])} <= {event.what for event in stepped.log}
-    assert (stepped.model.dynamics == RINGS) == (make is ringing)
+    assert {"hand-over", "sensor", *(["range"] if "narrow" in name else [])} <= {event.what for event in stepped.log}
+    assert (stepped.model.dynamics == RINGS) == rings
 
 
 @pytest.mark.parametrize("integral_gain", [0.0, 20.0])
@@ -295,22 +294,16 @@ def test_a_file_with_anything_wrong_in_it_is_refused_in_one_sentence_before_anyt
 )
 @pytest.mark.parametrize("mode", MODES)
 def test_three_cycles_remove_most_of_the_error_of_the_best_straight_line(plant: str, ratio: float, mode: str) -> None:
-    one = sensor(plant)
-    y_ref = steps(one, 24.0)
-    y = learner_for(one, mode).run(y_ref, one.run)[1]
-    assert (
-        rms_percent(y[-4000:], y_ref[-4000:], one)
-        < ratio * straight_lines(sensor(plant, noise_um=0.0), y_ref[:8000])[1]
-    )
+    one, learner, y_ref = at_work(24.0, mode, plant=plant)
+    error = error_of(learner, y_ref, one.run, one, slice(-4000, None))
+    assert error < ratio * straight_lines(sensor(plant, noise_um=0.0), y_ref[:8000])[1]
 
 
 @pytest.mark.parametrize("mode", MODES)
 def test_without_a_constant_in_the_structure_one_is_learned_and_pays(mode: str) -> None:
     errors = {}
     for estimate_offset in (True, False):
-        one = sensor()
-        y_ref = steps(one, 16.0)
-        learner = learner_for(one, mode, offset=False, estimate_offset=estimate_offset)
+        one, learner, y_ref = at_work(16.0, mode, offset=False, estimate_offset=estimate_offset)
         errors[estimate_offset] = error_of(learner, y_ref, one.run, one, slice(-4000, None))
         assert learner.structure.offset is estimate_offset
     assert errors[True] < 0.1 * errors[False]
@@ -318,20 +311,7 @@ def test_without_a_constant_in_the_structure_one_is_learned_and_pays(mode: str) 
 
 @pytest.mark.parametrize("mode", MODES)
 def test_a_large_model_comes_near_to_the_noise_of_the_sensor(mode: str) -> None:
-    one = sensor()
-    structure = structure_for(one, n=20, m=7)
-    y_ref = steps(one, 30.0)
-    learner = SelfLearningCompensator(
-        structure,
-        0.1,
-        6.0,
-        0.5,
-        "box_active_set",
-        mode=mode,
-        hand_over_s=0.02,
-        solve_delay_samples=5,
-        state=OperatorState.settled_at(structure, structure.x_range[0], came_from="above"),
-    )
+    one, learner, y_ref = at_work(30.0, mode, n=20, m=7, build_s=6.0)
     assert error_of(learner, y_ref, one.run, one, slice(-6000, None)) < 1.3 * 100.0 * NOISE
 
 
@@ -343,10 +323,8 @@ def test_a_large_model_comes_near_to_the_noise_of_the_sensor(mode: str) -> None:
 def test_tens_of_thousands_of_samples_of_every_fault_never_get_through_to_the_drive_and_are_forgotten(
     mode: str, integral_gain: float
 ) -> None:
-    plant = sensor()
-    low, high = plant.x_range
-    learner = learner_for(plant, mode, rate_limit=RATE_LIMIT, integral_gain=integral_gain)
-    faulty, clean = FaultySensor(plant, seed=5), steps(plant, 20.0)
+    plant, learner, clean = at_work(20.0, mode, rate_limit=RATE_LIMIT, integral_gain=integral_gain)
+    (low, high), faulty = plant.x_range, FaultySensor(plant, seed=5)
     faulty.failing = False
     before = error_of(learner, clean, faulty, plant, slice(-6000, None))
     faulty.failing = True
@@ -362,8 +340,7 @@ def test_tens_of_thousands_of_samples_of_every_fault_never_get_through_to_the_dr
 
 @pytest.mark.parametrize("mode", MODES)
 def test_a_sensor_that_is_dead_for_good_leaves_the_last_good_weights_at_work(mode: str) -> None:
-    plant = sensor()
-    learner, y_ref = learner_for(plant, mode), steps(plant, 12.0)
+    plant, learner, y_ref = at_work(12.0, mode)
     before, hand_overs = error_of(learner, y_ref, plant.run, plant, slice(-3000, None)), learner.counts["hand_overs"]
     truth: list[np.ndarray] = []
 
@@ -377,13 +354,12 @@ def test_a_sensor_that_is_dead_for_good_leaves_the_last_good_weights_at_work(mod
 
 
 def test_missing_samples_only_make_the_phases_longer() -> None:
-    plant = sensor()
-    learner = learner_for(plant, build_s=2.0, solve_delay_samples=200)
+    plant, learner, y_ref = at_work(3.5, build_s=2.0, solve_delay_samples=200)
 
     def gappy(x: np.ndarray) -> np.ndarray:
         return np.where((learner.samples + np.arange(x.size)) % 3 == 0, np.nan, plant.run(x))
 
-    learner.run(steps(plant, 3.5), gappy)
+    learner.run(y_ref, gappy)
     assert learner.counts["hand_overs"] == 1
     assert learner.log[0].sample == pytest.approx(1.5 * 2100 + 200, abs=20)  # 2.1 s of good samples, then learning
     assert learner.log[0].learning_since == learner.log[0].sample - 200
@@ -418,10 +394,9 @@ def test_without_an_answer_or_with_one_that_explains_its_own_data_worse_than_the
 ) -> None:
     right = BoxActiveSet.solve
     monkeypatch.setattr(BoxActiveSet, "solve", lambda *given, **start: spoil(right(*given, **start)))
-    plant = sensor()
-    learner = learner_for(plant, build_s=2.0)
+    plant, learner, y_ref = at_work(3.0, build_s=2.0)
     weights = learner.model.weights
-    x = learner.run(steps(plant, 3.0), plant.run)[0]
+    x = learner.run(y_ref, plant.run)[0]
     last = learner.log[-1]
     assert np.all(np.isfinite(x))
     assert learner.counts["hand_overs"] == 0
@@ -457,8 +432,7 @@ def test_an_answer_that_its_solver_does_not_call_found_is_not_learned() -> None:
 
 
 def test_a_wrong_cycle_is_forgotten_in_the_next_but_one() -> None:
-    plant = sensor()
-    learner, y_ref = learner_for(plant), steps(plant, 36.8)
+    plant, learner, y_ref = at_work(36.8)
     before = error_of(learner, y_ref, plant.run, plant, slice(-4000, None))
     cycle = learner.samples_until_change() + 1
     learner.run(y_ref[:cycle], lambda x: 1.1 * plant.run(x))
@@ -466,8 +440,7 @@ def test_a_wrong_cycle_is_forgotten_in_the_next_but_one() -> None:
 
 
 def test_a_narrow_cycle_does_not_spoil_the_weights_learned_in_a_wide_one() -> None:
-    plant = sensor()
-    learner, wide = learner_for(plant), steps(plant, 12.0)
+    plant, learner, wide = at_work(12.0)
     learner.run(wide, plant.run)
     narrow = 5.0 + 0.1 * steps(plant, 60.0)
     assert error_of(learner, narrow, plant.run, plant, slice(-3000, None)) < 0.2
