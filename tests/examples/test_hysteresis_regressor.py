@@ -1,14 +1,12 @@
 """The regressor under scikit-learn's own checks, in a grid search, and against ``identify``."""
 
-import os
 import pickle
-import subprocess
-import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from command_line import run_example
+from command_line import python, run_example
 from programs import ALL, library
 
 from piezo_model import ModelStructure, identify, plants
@@ -40,15 +38,11 @@ def recording() -> tuple[np.ndarray, np.ndarray]:
         "with hysteresis, an output depends on the inputs before it",
     ),
 )
-def test_scikit_learn_finds_nothing_but_what_is_stated(estimator: Any, check: Any) -> None:
+def test_scikit_learn_finds_nothing_but_what_is_stated(estimator: Any, check: Any, tmp_path: Path) -> None:
     if check.func is check_array_api_input:  # SciPy has to hear of it before it is imported
-        program = "import pickle, sys; check, estimator = pickle.load(sys.stdin.buffer); check(estimator)"
-        subprocess.run(
-            [sys.executable, "-c", program],
-            input=pickle.dumps((check, estimator)),
-            env={**os.environ, "SCIPY_ARRAY_API": "1", "PYTHONPATH": os.pathsep.join(sys.path)},
-            check=True,
-        )
+        (tmp_path / "call").write_bytes(pickle.dumps((check, estimator)))
+        program = "import pickle, sys; check, estimator = pickle.load(open(sys.argv[1], 'rb')); check(estimator)"
+        python("-c", program, tmp_path / "call", SCIPY_ARRAY_API="1")
     else:
         check(estimator)
 

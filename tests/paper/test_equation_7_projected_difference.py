@@ -16,13 +16,9 @@ quick = settings(max_examples=40, deadline=None)
 solver = partial(set_up, "projected_difference")
 
 
-def limit(P):
-    """Stability limit 2/λ_max(P): below it the recursion converges for every q and every convex set."""
-    return 2.0 / np.linalg.eigvalsh(P)[-1]
-
-
 def trajectory(problem, start, ratio, counts):
-    """The iterates after each number of steps; the step is ``ratio`` times the limit."""
+    """The iterates after each number of steps; the step is ``ratio`` times the stability limit 2/λ_max(P), below which
+    the recursion converges for every q and every convex set."""
     return [
         solver(problem, steps=count, step_ratio=ratio, allow_divergence=True).solve(start).copy() for count in counts
     ]
@@ -44,7 +40,7 @@ def test_the_compiled_steps_are_the_equation_at_any_condition_and_size(seed, d, 
     one = solver(problem, steps=1, step_ratio=ratio, allow_divergence=True)
     one.solve()
     eta, path = one.solution().extras["eta"], trajectory(problem, w, ratio, range(6))
-    assert 0.999 - 1e-13 <= eta / (ratio * limit(problem.P)) <= 1.0 + 1e-13
+    assert 0.999 - 1e-13 <= eta * np.linalg.eigvalsh(problem.P)[-1] / (2.0 * ratio) <= 1.0 + 1e-13
     np.testing.assert_array_equal(path[0], np.clip(w, problem.lb, problem.ub))
     for at, then in pairwise(path):
         expected = np.clip(at - eta * (problem.P @ at + problem.q), problem.lb, problem.ub)
@@ -69,14 +65,12 @@ def test_above_the_limit_a_free_problem_diverges(seed, d, ratio):
     rng = np.random.default_rng(seed)
     P, q = spectrum_matrix(rng, d, 2.0), rng.normal(size=d)
     best = -np.linalg.solve(P, q)
-    start = best + 1e-3 * np.linalg.eigh(P)[1][:, -1]
-    path = trajectory(Problem(P, q), start, ratio, (0, 100))
-    assert np.linalg.norm(path[1] - best) > 10 * np.linalg.norm(path[0] - best)
+    begin, end = trajectory(Problem(P, q), best + 1e-3 * np.linalg.eigh(P)[1][:, -1], ratio, (0, 100))
+    assert np.linalg.norm(end - best) > 10 * np.linalg.norm(begin - best)
 
 
 def test_a_step_beyond_the_limit_that_is_allowed_diverges_and_is_not_called_found():
-    problem = Problem(np.eye(2), np.ones(2))
-    s = solver(problem, step_ratio=2.0, allow_divergence=True)
+    s = solver(Problem(np.eye(2), np.ones(2)), step_ratio=2.0, allow_divergence=True)
     with np.errstate(all="ignore"):
         assert np.abs(s.solve()).max() > 1e6 or not np.isfinite(s.solve()).all()
         assert not s.solution().found

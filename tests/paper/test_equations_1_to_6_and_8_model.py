@@ -17,10 +17,15 @@ from known_models import a_drive, structure, true_model
 from plain_model import hysteresis_and_creep, one_sided_dead_zones, superposition
 from random_models import FREE, Case, cases, drive
 
-from piezo_model import DataBasis, ModelStructure, OperatorState, identify
-from piezo_model.compensator import Compensator
+from piezo_model import (
+    Compensator,
+    DataBasis,
+    HysteresisCreepModel,
+    ModelStructure,
+    OperatorState,
+    identify,
+)
 from piezo_model.identification_problem import Coordinates, Scaling
-from piezo_model.model import HysteresisCreepModel
 from piezo_model.operators import creep, dead_zone, play
 
 

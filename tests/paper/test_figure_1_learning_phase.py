@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pytest
 from learning_loops import at_work
 from qpsolvers import Problem
 
@@ -10,7 +11,6 @@ import solvers
 from piezo_model import SelfLearningCompensator
 from piezo_model.identification.error_model import ProgramSolver
 from piezo_model.learning.events import Phase
-from piezo_model.learning.solving import step_ratio
 
 
 def learning(solver: str, learn_s: float = 20.0, **options: object) -> SelfLearningCompensator:
@@ -47,16 +47,17 @@ def test_a_solver_of_steps_takes_one_a_sample_and_comes_to_the_exact_answer() ->
     assert costs[-1] - exact < 0.05 * (costs[0] - exact)
 
 
-def test_the_steps_are_those_of_the_difference_equation() -> None:
-    learner = learning("projected_difference", 0.3)
+@pytest.mark.parametrize("ratio", [0.5, 0.25])
+def test_the_steps_are_those_of_the_difference_equation(ratio: float) -> None:
+    learner = learning("projected_difference", 0.3, solver_options={"step_ratio": ratio})
     core = learner._core
     q, lower, z = (core[name].copy() for name in ("q", "lower", "start"))
     P = core["P"].reshape(q.size, q.size)
-    solver = solvers.get("projected_difference", steps=0)
+    solver = solvers.get("projected_difference", steps=0, step_ratio=ratio)
     solver.setup(Problem(P, q, lb=lower))
     solver.solve()
     eta = solver.solution().extras["eta"]
-    assert 0.999 <= eta * np.linalg.eigvalsh(P)[-1] <= 1.0 + 1e-13
+    assert 0.999 <= eta * np.linalg.eigvalsh(P)[-1] / (2.0 * ratio) <= 1.0 + 1e-13
     steps = -(-300 // learner._block) * learner._block
     for _ in range(steps):
         z = np.maximum(z - eta * (P @ z + q), lower)
@@ -72,7 +73,3 @@ def test_the_program_is_that_of_the_identification_of_the_same_samples() -> None
     for name, expected in (("P", form.qp.P.ravel()), ("q", form.qp.q), ("start", start)):
         np.testing.assert_allclose(core[name], expected, rtol=1e-9, atol=1e-11)
     np.testing.assert_allclose(core["lower"], form.qp.lb, rtol=1e-11)
-
-
-def test_the_step_ratio_is_an_option() -> None:
-    assert step_ratio({"step_ratio": 0.25}) == 0.25

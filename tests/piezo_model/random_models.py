@@ -6,12 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from hypothesis import strategies as st
 from numpy.random import Generator
-from numpy.typing import NDArray
 from plain_model import rows
 
 from piezo_model import HysteresisCreepModel, ModelStructure, OperatorState
-
-Vector = NDArray[np.float64]
+from solvers.arrays import Mask, Vector
 
 FREE = (-np.inf, np.inf)
 """Limits of a drive without limits."""
@@ -52,9 +50,7 @@ class Case:
         """A drive and an output that covers its whole range."""
         return self.a_drive(size), self.structure.y_centre + self.structure.y_scale * 1.2 * drive(self.rng, size)
 
-    def program(
-        self, x: Vector, y: Vector, counted: NDArray[np.bool_], forgetting: float
-    ) -> tuple[Vector, Vector, float]:
+    def program(self, x: Vector, y: Vector, counted: Mask, forgetting: float) -> tuple[Vector, Vector, float]:
         """P, q and c of equation (6) from a dense matrix of all rows."""
         s, size = self.structure, self.structure.n + 1
         unit_x, unit_y = (x - s.x_centre) / s.x_scale, (y - s.y_centre) / s.y_scale

@@ -18,11 +18,11 @@ from piezo_model import (
     CompensatorBank,
     Dynamics,
     HysteresisCreepModel,
+    ModelError,
     OperatorState,
     SelfLearningCompensator,
     identify,
 )
-from piezo_model.model import ModelError
 
 T = 1e-3
 S = structure(sample_time=T)
@@ -31,7 +31,6 @@ SHAKY = replace(true_model(S), dynamics=Dynamics((40.0,), (0.002,), (1.0,), T))
 NAN, GAIN = np.nan, 30.0
 MODE = Dynamics((200.0,), (0.02,), (1.0,), T)
 UNSTABLE = replace(MODEL, sensor_delay_s=60.0 * T)
-OF_OTHER_RANGES = replace(MODEL, structure=replace(S, x_scale=2.0 * S.x_scale, y_centre=1.0))
 
 
 def states(**wrong: Any) -> OperatorState:
@@ -86,7 +85,7 @@ VALUES: dict[str, Any] = {
     "a model of fewer thresholds": true_model(structure(n=2, sample_time=T)),
     "a model of another period": true_model(structure(sample_time=2.0 * T)),
     "a model of other creep": true_model(structure(sample_time=T, creep_rates=(3.0,))),
-    "a model of other ranges": OF_OTHER_RANGES,
+    "a model of other ranges": replace(MODEL, structure=replace(S, x_scale=2.0 * S.x_scale, y_centre=1.0)),
     "a model of a stage too late": UNSTABLE,
     "a model that would ring": SHAKY.static,
     "a model of two modes": replace(MODEL, dynamics=Dynamics((200.0, 300.0), (0.02, 0.02), (0.5, 0.5), T)),

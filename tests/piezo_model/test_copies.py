@@ -66,8 +66,7 @@ def used(make: Callable[[], Any], use: Callable[[Any, int], Any]) -> Case:
 
 
 def update(basis: DataBasis, seed: int) -> Any:
-    x = volts(signal(seed, 333))
-    basis.update(x, micrometres(signal(seed, 333)))
+    basis.update(volts(signal(seed, 333)), micrometres(signal(seed, 333)))
     return basis.P, basis.q, basis.c, basis.samples, basis.state.play, basis.excitation
 
 
@@ -227,35 +226,39 @@ def test_arrays_and_infinite_numbers_of_a_report_return_as_they_were(tmp_path: P
     np.testing.assert_equal(dict(HysteresisCreepModel.load(tmp_path / "model.json").report), report)
 
 
-REFUSED: list[tuple[Callable[..., Any], dict[str, Any], str]] = [
-    *(
-        (learner, {"mode": mode, name: value}, f"{name} .*must be ")
-        for mode in MODES
-        for name, value in (
-            ("x_limits", (-np.inf, np.inf)),
-            ("x_limits", (-1e200, 1e200)),
-            ("rate_limit", np.inf),
-            ("rate_limit", True),
-            ("forgetting_time_s", np.inf),
-            ("integral_gain", np.inf),
-            ("solve_delay_samples", True),
-            ("estimate_offset", "no"),
-        )
-    ),
-    (learner, {"mode": "continuous", "solver_options": {"hook": print}}, "solver_options.hook is a builtin_function"),
-    (bank, {"x_limits": (-np.inf, np.inf)}, r"x_limits\[0\] must be two numbers in ascending order, both finite"),
-    (bank, {"rate_limit": np.inf}, "rate_limit must be above 0"),
-    (bank, {"learn": "no"}, "learn must be True or False"),
-    (model, {"report": {"fit": {"hook": print}}}, "report.fit.hook is a builtin_function_or_method, which a file"),
-    (model, {"report": {"names": {"a", "b"}}}, "report.names is a set, which a file cannot hold"),
-    (model, {"report": {"z": np.array([1j])}}, "report.z is a ndarray, which a file cannot hold"),
-    (model, {"w_H": 1e150 * MODEL.w_H}, r"w_H\[0\] is not a finite number"),
-    (model, {"offset": 1e200}, "offset must be above"),
-    (model, {"start": OperatorState(np.full(8, np.nan), STATES.creep)}, r"play\[0\] is not a finite number"),
-]
-
-
-@pytest.mark.parametrize(("make", "options", "sentence"), REFUSED)
+@pytest.mark.parametrize(
+    ("make", "options", "sentence"),
+    [
+        *(
+            (learner, {"mode": mode, name: value}, f"{name} .*must be ")
+            for mode in MODES
+            for name, value in (
+                ("x_limits", (-np.inf, np.inf)),
+                ("x_limits", (-1e200, 1e200)),
+                ("rate_limit", np.inf),
+                ("rate_limit", True),
+                ("forgetting_time_s", np.inf),
+                ("integral_gain", np.inf),
+                ("solve_delay_samples", True),
+                ("estimate_offset", "no"),
+            )
+        ),
+        (
+            learner,
+            {"mode": "continuous", "solver_options": {"hook": print}},
+            "solver_options.hook is a builtin_function",
+        ),
+        (bank, {"x_limits": (-np.inf, np.inf)}, r"x_limits\[0\] must be two numbers in ascending order, both finite"),
+        (bank, {"rate_limit": np.inf}, "rate_limit must be above 0"),
+        (bank, {"learn": "no"}, "learn must be True or False"),
+        (model, {"report": {"fit": {"hook": print}}}, "report.fit.hook is a builtin_function_or_method, which a file"),
+        (model, {"report": {"names": {"a", "b"}}}, "report.names is a set, which a file cannot hold"),
+        (model, {"report": {"z": np.array([1j])}}, "report.z is a ndarray, which a file cannot hold"),
+        (model, {"w_H": 1e150 * MODEL.w_H}, r"w_H\[0\] is not a finite number"),
+        (model, {"offset": 1e200}, "offset must be above"),
+        (model, {"start": OperatorState(np.full(8, np.nan), STATES.creep)}, r"play\[0\] is not a finite number"),
+    ],
+)
 def test_what_a_file_cannot_hold_is_refused_by_its_name_and_the_file_stays(
     make: Callable[..., Any], options: dict[str, Any], sentence: str, tmp_path: Path
 ) -> None:

@@ -23,8 +23,12 @@ def sine(cycles: Vector) -> Vector:
 
 
 def recorded(u: Vector, y: Vector, noise: float = 0.3) -> Recording:
-    chance = np.random.default_rng(0).normal(0, noise, u.size)
-    return Recording.from_arrays(u, y + chance, SAMPLE_TIME, input_unit="V", output_unit="um")
+    y = y + np.random.default_rng(0).normal(0, noise, u.size)
+    return Recording.from_arrays(u, y, SAMPLE_TIME, input_unit="V", output_unit="um")
+
+
+def of_stage(u: Vector, noise: float = 0.3, **states: float) -> Recording:
+    return recorded(u, stage(u, **states), noise)
 
 
 FAST = {
@@ -45,7 +49,7 @@ def worst(model: HysteresisCreepModel, u: Vector, creep: float = 0.0) -> float:
 @pytest.mark.sample(3)
 @pytest.mark.parametrize("kind", FAST)
 def test_a_model_of_one_frequency_has_no_creep_and_holds_at_other_speeds_and_on_a_held_step(kind: str) -> None:
-    made = recorded(FAST[kind], stage(FAST[kind], before=5.0))
+    made = of_stage(FAST[kind], before=5.0)
     model, without = identify(made), identify(made, creep_rates=())
     assert model.structure.creep_rates == ()
     assert model.weights.tolist() == without.weights.tolist()
@@ -59,8 +63,8 @@ def test_a_model_of_one_frequency_has_no_creep_and_holds_at_other_speeds_and_on_
 
 @pytest.mark.parametrize(("then", "creep"), [(STEP, 0.01), (SLOW, 0.03)], ids=["a held step", "two speeds"])
 def test_a_step_held_for_a_minute_and_two_speeds_determine_creep(then: Vector, creep: float) -> None:
-    u = np.concatenate([triangle(TIME / 2), then])
-    model, without = (identify(recorded(u, stage(u, creep=creep)), creep_rates=rates) for rates in (None, ()))
+    made = of_stage(np.concatenate([triangle(TIME / 2), then]), creep=creep)
+    model, without = (identify(made, creep_rates=rates) for rates in (None, ()))
     assert model.structure.creep_rates
     assert model.report["drive"]["creep"]
     assert (model.report["creep"]["determined"], model.report["creep"]["sentence"]) == (True, "")
@@ -69,8 +73,7 @@ def test_a_step_held_for_a_minute_and_two_speeds_determine_creep(then: Vector, c
 
 
 def test_a_drive_that_would_show_creep_says_so_where_there_is_none() -> None:
-    u = np.concatenate([triangle(TIME / 2), STEP])
-    model = identify(recorded(u, stage(u)))
+    model = identify(of_stage(np.concatenate([triangle(TIME / 2), STEP])))
     assert model.structure.creep_rates == ()
     assert ABSENT in model.report["findings"]
     assert UNDETERMINED not in model.report["sentences"]
@@ -92,18 +95,14 @@ def duhem(u: Vector, rate: float) -> Vector:
 @pytest.mark.parametrize("cycles", [TIME / 2, TIME / 0.7, TIME / 9])
 @pytest.mark.parametrize("rate", [0.1, 0.3])
 def test_no_loop_of_one_frequency_is_taken_for_creep_whatever_hysteresis_it_is(rate: float, cycles: Vector) -> None:
-    model = identify(recorded(sine(cycles), 40 * duhem(sine(cycles), rate), noise=1.0))
-    assert not model.report["creep"]["determined"]
-    assert not model.report["creep"]["rates"]
-    assert model.report["drift"] is None
+    report = identify(recorded(sine(cycles), 40 * duhem(sine(cycles), rate), noise=1.0)).report
+    assert (report["creep"]["determined"], [*report["creep"]["rates"]], report["drift"]) == (False, [], None)
 
 
 @pytest.mark.parametrize("before", [1.0, 5.0])
 def test_creep_of_one_frequency_is_not_called_a_drift_and_no_part_of_the_model(before: float) -> None:
-    u = FAST["ten loops"]
-    model = identify(recorded(u, stage(u, creep=0.03, before=before)))
-    assert model.structure.creep_rates == ()
-    assert model.report["drift"] is None
+    model = identify(of_stage(FAST["ten loops"], creep=0.03, before=before))
+    assert (model.structure.creep_rates, model.report["drift"]) == ((), None)
     assert UNDETERMINED in model.report["findings"]
 
 
@@ -116,8 +115,7 @@ def test_a_lag_of_a_smooth_output_is_not_taken_for_creep(kind: str) -> None:
 
 
 def test_given_rates_are_used_and_said_to_be_a_guess_where_the_recording_determines_no_creep() -> None:
-    u = FAST["a triangle"]
-    given = identify(recorded(u, stage(u)), n=5, m=3, creep_rates=(1.0,))
+    given = identify(of_stage(FAST["a triangle"]), n=5, m=3, creep_rates=(1.0,))
     assert given.structure.creep_rates == (1.0,)
     assert any(finding.startswith("Creep at the rates specified is a guess.") for finding in given.report["findings"])
 
@@ -163,11 +161,10 @@ def test_creep_from_before_the_recording_is_a_settling_and_no_drift(held_samples
 
 def test_a_recording_that_begins_while_the_stage_creeps_is_validated_from_the_states_that_it_has_then() -> None:
     u = np.concatenate([STEP, np.full(900, 6.0), triangle(TIME / 6)[:3000], triangle(TIME / 0.5)[:2000]])
-    whole = recorded(u, stage(u, creep=0.02), noise=0.1)
+    whole = of_stage(u, noise=0.1, creep=0.02)
     model = identify(whole)
-    rest = whole.part(slice(6000, None))
     known = model.validate(whole).fit.rms
-    assert model.validate(rest).fit.rms == pytest.approx(known, rel=0.2)
+    assert model.validate(whole.part(slice(6000, None))).fit.rms == pytest.approx(known, rel=0.2)
     assert known < 0.5
 
 

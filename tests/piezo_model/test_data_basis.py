@@ -3,24 +3,20 @@ the proximal term."""
 
 import tracemalloc
 from dataclasses import replace
+from functools import partial
 
 import known_models
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from known_models import true_model, undisplaced
 from random_models import Case, cases
 
-from piezo_model import DataBasis, HysteresisCreepModel, IdentificationProblem, ModelStructure
+from piezo_model import DataBasis, IdentificationProblem, ModelStructure
 from piezo_model.identification.error_model import ProgramSolver
 
-
-def structure(**changes: object) -> ModelStructure:
-    return known_models.structure(**{"n": 4, "m": 2, "sample_time": 1e-2, **changes})
-
-
-def true_model(s: ModelStructure) -> HysteresisCreepModel:
-    return known_models.true_model(s, bend=0.3)
+structure = partial(known_models.structure, n=4, m=2, sample_time=1e-2)
 
 
 def problem_of(
@@ -32,7 +28,7 @@ def problem_of(
     proximal: float = 1e-10,
 ) -> IdentificationProblem:
     """Problem of a drive in normalised units, answered by :func:`true_model`."""
-    x_V, state = s.x_centre + s.x_scale * x, known_models.undisplaced(s, rest)
+    x_V, state = s.x_centre + s.x_scale * x, undisplaced(s, rest)
     y = true_model(s).simulate(x_V, state) + noise * s.y_scale * np.random.default_rng(3).normal(size=x.size)
     basis = DataBasis(s, state)
     basis.update(x_V, y)
@@ -64,7 +60,7 @@ def unreached(problem: IdentificationProblem) -> set[str]:
 def test_the_report_names_exactly_the_thresholds_that_the_drive_did_not_reach(amplitude: float, rest: float) -> None:
     s = structure()
     x = rest + full_drive(amplitude) / np.max(np.abs(full_drive()))
-    y = s.unit_output(true_model(s).simulate(s.x_centre + s.x_scale * x, known_models.undisplaced(s, rest)))
+    y = s.unit_output(true_model(s).simulate(s.x_centre + s.x_scale * x, undisplaced(s, rest)))
     expected = {f"w_{letter}{i}" for letter in "HK" for i, r in enumerate((0.0, *s.play_thresholds)) if r > amplitude}
     expected |= {
         name
@@ -95,8 +91,10 @@ def test_unreached_weights_stay_at_the_reference_for_any_data(noise: float, rest
 def test_a_direction_that_the_data_leave_open_shows_in_the_condition() -> None:
     # y never comes back to the piece around zero, so what that piece adds is one more constant beside the offset.
     s = structure(creep_rates=())
-    drives = ((0.85 + full_drive(0.1), 0.85), (full_drive(), 0.0))
-    report, full = (problem_of(s, x, rest=rest).excitation_report() for x, rest in drives)
+    report, full = (
+        problem_of(s, x, rest=rest).excitation_report()
+        for x, rest in ((0.85 + full_drive(0.1), 0.85), (full_drive(), 0.0))
+    )
     assert full.unreached == ()
     assert full.condition < 1e6 < report.condition <= 1 / np.finfo(float).eps
 
@@ -180,5 +178,4 @@ def test_bad_samples_are_refused_in_one_sentence_and_nothing_is_taken(
         each.update([0.3, 0.9], [0.1, 0.2])
     with pytest.raises(ValueError, match=sentence):
         basis.update(x, y, count=count)
-    np.testing.assert_array_equal(basis.P, other.P)
-    np.testing.assert_array_equal(basis.state.play, other.state.play)
+    np.testing.assert_equal((basis.P, basis.state.play), (other.P, other.state.play))

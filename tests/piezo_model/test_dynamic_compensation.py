@@ -39,10 +39,6 @@ def wave(size: int = 4000) -> np.ndarray:
     return 8.0 * np.sin(2.0 * np.pi * 40.0 * t) - 3.0 * np.cos(2.0 * np.pi * 13.0 * t)
 
 
-def squares(size: float = 10.0) -> np.ndarray:
-    return np.concatenate([np.linspace(-18.0, -size, 2000), np.repeat([-size, size, -size, size, -size], 1000)])
-
-
 @pytest.mark.parametrize("dynamics", [ONE, replace(TWO, amplifier_lag_s=0.0)], ids=str)
 def test_the_model_behind_its_compensator_is_the_reference_model(dynamics: Dynamics) -> None:
     model = model_of(dynamics)
@@ -74,7 +70,8 @@ def test_without_the_inverse_the_drive_is_that_of_the_static_part_without_a_lag(
 
 
 def test_where_a_limit_holds_the_drive_the_inverse_goes_on_from_where_the_stage_is() -> None:
-    model, reference = model_of(ONE), squares()
+    model = model_of(ONE)
+    reference = np.concatenate([np.linspace(-18.0, -10.0, 2000), np.repeat([-10.0, 10.0, -10.0, 10.0, -10.0], 1000)])
     inverse, static = (
         # from 3 ms on after each jump
         np.max(np.abs(driven(compensator, model, reference) - reference).reshape(-1, 1000)[3:, 30:])
@@ -192,9 +189,8 @@ def scan(f: float, seconds: float) -> Vector:
 
 
 def learner_of(dynamics: Dynamics | None, s: ModelStructure = S, **options: object) -> SelfLearningCompensator:
-    chosen = {"mode": "continuous", "x_limits": (0.0, 150.0), **options}
-    line = HysteresisCreepModel.from_weights(s, s.straight_line)
-    return SelfLearningCompensator(s, model=replace(line, dynamics=dynamics), **chosen)
+    model = replace(HysteresisCreepModel.from_weights(s, s.straight_line), dynamics=dynamics)
+    return SelfLearningCompensator(s, model=model, **{"mode": "continuous", "x_limits": (0.0, 150.0), **options})
 
 
 def error_percent(model: HysteresisCreepModel, kind: str = "maxwell_slip") -> float:

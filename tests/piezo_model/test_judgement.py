@@ -10,7 +10,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from programs import ALL
-from recording_kinds import DESCRIBABLE, SAMPLE_TIME, UNDESCRIBABLE, creeping, drive, loops, noisy, recording, resonant
+from recording_kinds import (
+    DESCRIBABLE,
+    SAMPLE_TIME,
+    UNDESCRIBABLE,
+    Vector,
+    creeping,
+    drive,
+    loops,
+    noisy,
+    recording,
+    resonant,
+)
 
 from bench.report.fit_review import review
 from piezo_model import HysteresisCreepModel, IdentificationError, Recording, identify
@@ -25,6 +36,12 @@ def known() -> tuple[Recording, HysteresisCreepModel]:
     """A recording and its model, of three plays and one dead zone on each side."""
     made = recording(DESCRIBABLE["hysteresis and creep"], 3)
     return made, identify(made, structure=structure_of(made, 3, 1))
+
+
+def driven(u: Vector, form: Callable[..., Vector] = loops, seed: int = 0, noise: float = 0.001) -> Recording:
+    """A drive, and what hysteresis of a form makes of it."""
+    rng = np.random.default_rng(seed)
+    return Recording.from_arrays(u, noisy(rng, form(rng, u), noise), SAMPLE_TIME, output_unit="um")
 
 
 SEED, SEEDS = 11, st.integers(0, 10_000)
@@ -55,8 +72,8 @@ def test_data_in_the_model_class_are_accepted(kind: str) -> None:
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("seed", [5, 7, 8, 19])
 def test_a_slow_drive_whose_first_samples_are_a_short_arc_is_judged_by_all_samples(seed: int) -> None:
-    made = recording(DESCRIBABLE["a slow sine and a lag"], seed)
-    assert identify(made, n=3, m=1).report["fit"]["samples"] > 50_000
+    slow = recording(DESCRIBABLE["a slow sine and a lag"], seed)
+    assert identify(slow, n=3, m=1).report["fit"]["samples"] > 50_000
 
 
 def test_a_model_that_is_hardly_better_than_a_line_is_refused_with_the_reason_and_forced_says_it_first() -> None:
@@ -77,8 +94,7 @@ def test_a_model_that_is_hardly_better_than_a_line_is_refused_with_the_reason_an
 @pytest.mark.parametrize("noise", [0.0, 1e-4])
 def test_a_bent_curve_without_hysteresis_is_accepted_with_a_remark(curve: Callable, noise: float) -> None:
     u = 0.1 + np.concatenate([np.linspace(-0.5, 0.9, 1000), np.linspace(0.9, -0.5, 1000)])
-    y = noisy(np.random.default_rng(0), curve(u), noise)
-    report = identify(Recording.from_arrays(u, y, SAMPLE_TIME)).report
+    report = identify(driven(u, lambda _, u: curve(u), noise=noise)).report
     assert report["refusal"] is None
     assert report["intervals"]["figures"]["hysteresis_percent"][0] < 1e-3
     assert any(finding.startswith("No hysteresis: ") for finding in report["findings"])
@@ -96,18 +112,13 @@ def test_loops_that_are_smaller_than_the_noise_of_the_sensor_give_a_model(seed: 
 
 
 def test_a_sawtooth_shows_one_branch_of_the_loop_and_is_not_said_to_determine_hysteresis() -> None:
-    u = np.resize(np.linspace(-1.0, 1.0, 300), 3000)
-    rng = np.random.default_rng(0)
-    report = identify(Recording.from_arrays(u, noisy(rng, loops(rng, u), 0.001), SAMPLE_TIME)).report
+    report = identify(driven(np.resize(np.linspace(-1.0, 1.0, 300), 3000))).report
     assert "almost a single branch" in " ".join(report["findings"])
     assert not report["drive"]["hysteresis"]
 
 
 def test_few_counted_samples_and_a_single_branch_are_reported() -> None:
-    u = np.linspace(-1.0, 1.0, 3000)
-    rng = np.random.default_rng(0)
-    made = Recording.from_arrays(u, noisy(rng, creeping(rng, u), 0.001), SAMPLE_TIME)
-    report = identify(made, skip=2000).report
+    report = identify(driven(np.linspace(-1.0, 1.0, 3000), creeping), skip=2000).report
     findings = " ".join(report["findings"])
     assert "Only 1000 of 3000 samples are counted" in findings
     assert report["fit"]["skipped_max_percent"] < 10.0
@@ -141,8 +152,9 @@ def test_sign_offset_and_unit_change_the_model_by_scale_alone(
     other = identify(Recording.from_arrays(x_scale * u + x_offset, scale * y + offset, SAMPLE_TIME), lag="ignore")
     assert other.structure.negative_gain == (scale < 0.0)
     expected = scale * one.simulate(u, one.start) + offset
-    found = other.simulate(x_scale * u + x_offset, other.start)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.ptp(scale * y))
+    np.testing.assert_allclose(
+        other.simulate(x_scale * u + x_offset, other.start), expected, rtol=0, atol=1e-9 * np.ptp(scale * y)
+    )
     np.testing.assert_allclose(other.report["fit"]["rms_percent"], one.report["fit"]["rms_percent"], rtol=1e-9)
 
 
@@ -171,23 +183,19 @@ def test_one_loop_predicts_the_next_within_twice_the_fit_of_the_whole(seed: int)
 
 
 def test_a_rest_a_jump_and_an_offset_before_a_sine_do_not_change_the_fit() -> None:
-    rng, t = np.random.default_rng(8), np.arange(12_000) * SAMPLE_TIME
+    t = np.arange(12_000) * SAMPLE_TIME
     u = np.where(t < 3.0, 0.0, 150.0 * np.sin(2 * np.pi * 0.5 * (t - 3.0) - 0.62))
     assert u[3000] == pytest.approx(-87.0, abs=1.0)
-    y = noisy(rng, 20.0 * loops(rng, u / 150.0) - 7.0, 0.001)
-    whole, sine = (
-        identify(Recording.from_arrays(u, y, SAMPLE_TIME)),
-        identify(Recording.from_arrays(u[3000:], y[3000:], SAMPLE_TIME)),
-    )
+    made = driven(u, lambda rng, u: 20.0 * loops(rng, u / 150.0) - 7.0, seed=8)
+    whole, sine = (identify(each) for each in (made, Recording.from_arrays(u[3000:], made.y[3000:], SAMPLE_TIME)))
     assert whole.report["fit"]["skipped"] == 0
     assert whole.report["fit"]["rms"] == pytest.approx(sine.report["fit"]["rms"], rel=0.2)
     assert whole.report["fit"]["rms_percent"] < 0.3
 
 
 def test_validation_finds_the_start_and_removes_the_offset_between_sessions() -> None:
-    rng = np.random.default_rng(5)
     u = np.sin(np.arange(9000) / 200) * (0.6 + 0.4 * np.sin(np.arange(9000) / 1700))
-    y = noisy(rng, loops(rng, u), 0.001)
+    y = driven(u, seed=5).y
     model = identify(Recording.from_arrays(u[:4500], y[:4500], SAMPLE_TIME, output_unit="um"))
     found = model.validate(Recording.from_arrays(u[4700:], y[4700:] + 0.4, SAMPLE_TIME, output_unit="um"))
     assert found.shift == pytest.approx(0.4, abs=0.01)
@@ -198,8 +206,7 @@ def test_validation_finds_the_start_and_removes_the_offset_between_sessions() ->
 
 def test_errors_on_another_recording_are_compared_in_units_and_not_as_shares_of_two_ranges() -> None:
     rng, u = np.random.default_rng(5), np.sin(np.arange(9000) / 200) * np.linspace(1.0, 0.2, 9000)
-    y = loops(rng, u, 0.2)
-    y += 0.003 * np.ptp(y) * rng.standard_normal(y.size)
+    y = noisy(rng, loops(rng, u, 0.2), 0.003)
     model = identify(Recording.from_arrays(u[:6000], y[:6000], SAMPLE_TIME), n=5, m=3, creep_rates=())
     small = slice(7500, None)
     found = model.validate(Recording.from_arrays(u[small], y[small], SAMPLE_TIME))
@@ -234,11 +241,8 @@ def test_a_recording_in_mV_and_nm_is_identified_validated_and_simulated_like_tha
     assert other.structure == model.structure
     found, expected = model.validate(small), model.validate(made)
     assert found.fit.rms == pytest.approx(expected.fit.rms, rel=1e-9)
-    for converted, plain in (
-        (other.report["sentences"], model.report["sentences"]),
-        ([*found.sentences()], [*expected.sentences()]),
-    ):
-        assert (said in converted, said in plain) == (True, False)
+    reports = (other.report["sentences"], model.report["sentences"], found.sentences(), expected.sentences())
+    assert [said in sentences for sentences in reports] == [True, False, True, False]
     np.testing.assert_allclose(model.simulate(small), model.simulate(made), atol=1e-9 * np.ptp(made.y))
     np.testing.assert_allclose(review(small, model, found).y + found.shift, made.y, rtol=1e-12)
 
@@ -313,8 +317,8 @@ def test_an_extrapolation_is_not_taken_for_an_offset_of_the_sensor() -> None:
 
 def test_a_single_outlier_is_named_with_its_sample_and_value() -> None:
     made, model = known()
-    y = np.where(np.arange(made.length) == 4711, 1e6, made.y)
-    spoiled = Recording.from_arrays(made.x, y, SAMPLE_TIME, output_unit="um")
+    outlier = np.where(np.arange(made.length) == 4711, 1e6, made.y)
+    spoiled = Recording.from_arrays(made.x, outlier, SAMPLE_TIME, output_unit="um")
     with pytest.raises(
         IdentificationError, match=r"the output is 1 m in sample 4711, and from .* in all others: an outlier"
     ):

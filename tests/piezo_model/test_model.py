@@ -72,10 +72,9 @@ def test_an_array_is_simulated_from_the_start_that_was_identified_and_any_number
     assert model.to_dict() == before
 
 
-COPIES = (lambda it: it, copy.copy, copy.deepcopy, lambda it: pickle.loads(pickle.dumps(it)), replace)
-
-
-@pytest.mark.parametrize("way", COPIES)
+@pytest.mark.parametrize(
+    "way", [lambda it: it, copy.copy, copy.deepcopy, lambda it: pickle.loads(pickle.dumps(it)), replace]
+)
 def test_nothing_of_a_model_can_be_changed_in_place_nor_of_a_copy_of_it(
     way: Callable[[HysteresisCreepModel], HysteresisCreepModel],
 ) -> None:
@@ -122,8 +121,7 @@ def test_the_settled_states_are_those_after_a_long_time_at_the_input(
     model = HysteresisCreepModel.from_weights(s, s.straight_line)
     held = model.advance(np.repeat([before, x], 10_000), OperatorState.settled_at(s, 50.0))[1]
     settled = OperatorState.settled_at(s, x, came_from)
-    np.testing.assert_allclose(settled.play, held.play, atol=1e-12)
-    np.testing.assert_allclose(settled.creep, held.creep, atol=1e-12)
+    np.testing.assert_allclose(np.r_[settled.play, settled.creep], np.r_[held.play, held.creep], atol=1e-12)
 
 
 @pytest.mark.parametrize("x", [-10.0, 0.0, 20.0, 50.0, 100.0])

@@ -48,8 +48,8 @@ def test_each_part_begins_in_states_of_its_own_and_the_model_keeps_them(tmp_path
     np.testing.assert_array_equal(loaded.starts[0].play, model.start.play)
     assert first.min() < first[0]  # after an ascent
     assert second.max() > second[0]
-    assert np.sqrt(np.mean((loaded.simulate(made) - made.y) ** 2)) == pytest.approx(rms, rel=1e-4)
-    assert loaded.validate(made).fit.rms == pytest.approx(rms, rel=1e-4)
+    simulated = np.sqrt(np.mean((loaded.simulate(made) - made.y) ** 2))
+    assert [simulated, loaded.validate(made).fit.rms] == pytest.approx([rms, rms], rel=1e-4)
     assert loaded.validate(made.part(slice(4000, None))).fit.rms < 0.13
 
 
@@ -59,8 +59,8 @@ def test_many_short_parts_give_the_model_of_a_long_recording_without_a_search_of
     model = identify(joined([(drive, UP) for drive in drives]), n=5, m=1, creep_rates=())
     starts, slow = [part["start"] for part in model.report["parts"]], swelling(3.0, 3000)
     assert (model.report["start"], len(starts), "searched" in starts) == ("after an ascent", 59, False)
-    error = model.simulate(slow) - stage(slow, slow[0])
-    assert np.std(error[1500:]) < 0.5  # the states before it are forgotten by then
+    # after 1500 samples the states before it are forgotten
+    assert np.std((model.simulate(slow) - stage(slow, slow[0]))[1500:]) < 0.5
 
 
 def test_a_part_without_a_counted_output_takes_the_start_of_the_others() -> None:
@@ -85,16 +85,14 @@ def test_independent_samples_are_counted_in_each_part_and_no_correlation_crosses
         independent_samples([slow[:2000]]) + independent_samples([slow[2000:]])
     )
     assert autocorrelation_time([np.repeat(white[:80], 50)]) > 30
-    assert autocorrelation_time([white[:2000], white[2000:]]) < 1.2
-    assert autocorrelation_time([white[:2000], white[:2000]]) < 1.2
+    assert max(autocorrelation_time([white[:2000], other]) for other in (white[2000:], white[:2000])) < 1.2
 
 
 @pytest.mark.parametrize("lag", ["estimate", "remove"])
 def test_sweeps_below_each_other_do_not_show_a_lag_that_the_sensor_has_not(lag: str) -> None:
     made = joined([(swelling(2.0, 2000), np.zeros(3)), (swelling(8.0, 2000), np.zeros(3))], noise=1e-3)
     report = identify(made, lag=lag).report
-    assert not report["lag"]["is_significant"]
-    assert "lags by" not in " ".join(report["findings"])
+    assert (report["lag"]["is_significant"], "lags by" in " ".join(report["findings"])) == (False, False)
 
 
 def test_a_long_recording_gives_the_model_of_all_of_it_from_a_million_rows(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -104,8 +102,7 @@ def test_a_long_recording_gives_the_model_of_all_of_it_from_a_million_rows(monke
         monkeypatch.setattr(module, "GRAM_SAMPLES", 3000)
     monkeypatch.setattr(gram_matrix, "CHUNK", 400)
     thinned = identify(made, n=5, m=1)
-    assert thinned.report["start"] == whole.report["start"]
-    assert thinned.report["fit"]["samples"] == made.length
+    assert (thinned.report["start"], thinned.report["fit"]["samples"]) == (whole.report["start"], made.length)
     assert thinned.report["fit"]["rms"] == pytest.approx(whole.report["fit"]["rms"], rel=0.01)
     np.testing.assert_allclose(thinned.simulate(made.x), whole.simulate(made.x), atol=0.3)
 

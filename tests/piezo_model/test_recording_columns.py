@@ -268,14 +268,17 @@ def test_impossible_options_are_refused(tmp_path: Path, options: dict[str, Any],
         Recording.open(text_file(tmp_path, *waves(TWO_RATES)), **options)
 
 
-def test_a_period_that_agrees_with_the_time_column_or_stands_in_its_place_is_taken(tmp_path: Path) -> None:
-    even = text_file(tmp_path, *waves(np.arange(500) * 1e-3))
-    assert Recording.open(even, sample_time=1e-3).sample_time == 1e-3
-    assert Recording.open(even, sample_time=1e-2, time="none").sample_time == 1e-2
-
-
-def test_a_unit_that_is_given_is_the_one_of_the_recording(tmp_path: Path) -> None:
-    lines = waves(np.arange(500) * 1e-3, "time,drive,sensor_um")
-    recording = Recording.open(text_file(tmp_path, *lines), input_unit="Volts", output_unit="nm")
-    assert (recording.input_unit, recording.output_unit) == ("V", "nm")
-    assert "V, output 'sensor_um' from" in recording.describe()
+@pytest.mark.parametrize(
+    ("options", "taken"),
+    [
+        ({"sample_time": 1e-3}, (1e-3, "", "um")),
+        ({"sample_time": 1e-2, "time": "none"}, (1e-2, "", "um")),
+        ({"input_unit": "Volts", "output_unit": "nm"}, (1e-3, "V", "nm")),
+    ],
+)
+def test_a_period_that_agrees_with_the_times_or_stands_in_their_place_and_units_are_taken_as_they_are_given(
+    tmp_path: Path, options: dict[str, Any], taken: tuple[float, str, str]
+) -> None:
+    found = Recording.open(text_file(tmp_path, *waves(np.arange(500) * 1e-3, "time,drive,sensor_um")), **options)
+    assert (found.sample_time, found.input_unit, found.output_unit) == taken
+    assert f"{taken[1]}, output 'sensor_um' from" in found.describe()

@@ -4,6 +4,7 @@ import gc
 import pickle
 from collections.abc import Callable
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,18 +25,14 @@ PERIOD = 5e-4
 T = np.arange(N) * PERIOD
 
 
-def gcs(path: Path) -> None:
+def gcs(path: Path, separator: str = " ", end: str = " \n") -> None:
     path.write_text(
-        "# REM Sine\n# VERSION = 1 \n# TYPE = 1 \n# SEPARATOR = 32 \n# DIM = 2 \n# SAMPLE_TIME = 0.000500 \n"
+        f"# REM Sine\n# VERSION = 1 \n# TYPE = 1 \n# SEPARATOR = {ord(separator)} \n# DIM = 2 \n"
+        "# SAMPLE_TIME = 0.000500 \n"
         f"# NDATA = {N} \n# NAME0 = Open-loop Control Value of axis 1 \n# NAME1 = Current Position of axis 1 \n"
-        "# \n# END_HEADER \n" + "".join(f"{x!r} {y!r} \n" for x, y in zip(X.tolist(), Y.tolist(), strict=True))
+        "# \n# END_HEADER \n"
+        + "".join(f"{x!r}{separator}{y!r}{end}" for x, y in zip(X.tolist(), Y.tolist(), strict=True))
     )
-
-
-def gcs_tabs(path: Path) -> None:
-    gcs(path)
-    head, end, rows = path.read_text().partition("# END_HEADER \n")
-    path.write_text(head.replace("= 32", "= 9") + end + rows.replace(" \n", "\n").replace(" ", "\t"))
 
 
 def hdf5(
@@ -185,7 +182,10 @@ TIMES: dict[str, Callable[[Path], Any]] = {
 
 FORMATS: dict[str, tuple[Callable[[Path], Any], dict[str, str]]] = {
     "GCS": (gcs, {"input": "Open-loop Control Value of axis 1", "output": "Current Position of axis 1"}),
-    "GCS with tabs": (gcs_tabs, {"input": "Open-loop Control Value of axis 1", "output": "Current Position of axis 1"}),
+    "GCS with tabs": (
+        partial(gcs, separator="\t", end="\n"),
+        {"input": "Open-loop Control Value of axis 1", "output": "Current Position of axis 1"},
+    ),
     "NeXus": (nexus, {"time": "entry/data/time", "input": "entry/data/voltage", "output": "entry/data/displacement"}),
     "HDF5 matrix": (hdf5({"data": np.stack([X, Y]), "fs": 1 / PERIOD}), {"input": "data/1", "output": "data/2"}),
     "HDF5 compound": (hdf5_compound, {"time": "record/time", "input": "record/voltage_V", "output": "record/y_um"}),
@@ -230,7 +230,6 @@ FORMATS: dict[str, tuple[Callable[[Path], Any], dict[str, str]]] = {
     "TDMS waveform": (tdms_waveform, {"input": "Drive", "output": "Sensor"}),
     "TDMS groups": (tdms_groups, {"time": "Stage/Time", "input": "Stage/AO0", "output": "Stage/AI0"}),
 }
-UNNAMED = ("HDF5 matrix", "MAT 5 matrix", "MAT 5 cells", "NPY")
 
 
 def made(folder: Path, name: str) -> Path:
@@ -242,8 +241,8 @@ def made(folder: Path, name: str) -> Path:
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_every_format_gives_the_clean_arrays_and_the_units_that_it_keeps(tmp_path: Path, name: str) -> None:
-    columns = FORMATS[name][1]
-    named = {role: columns[role] for role in ("input", "output") if name in UNNAMED}
+    columns, unnamed = FORMATS[name][1], ("HDF5 matrix", "MAT 5 matrix", "MAT 5 cells", "NPY")
+    named = {role: columns[role] for role in ("input", "output") if name in unnamed}
     recording = pickle.loads(pickle.dumps(Recording.open(made(tmp_path, name), **named)))
     found = np.array([recording.x, recording.counted_y])
     # files of Excel keep sixteen digits

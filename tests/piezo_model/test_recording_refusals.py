@@ -5,6 +5,7 @@ import math
 import re
 import zipfile
 from collections.abc import Callable
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -428,7 +429,5 @@ def test_the_cells_of_all_sheets_are_counted(tmp_path: Path) -> None:
 
 
 def test_the_size_that_a_workbook_states_is_not_believed(tmp_path: Path) -> None:
-    def wide(sheet: bytes) -> bytes:
-        return re.sub(rb'<dimension ref="[^"]*"/>', b'<dimension ref="A1:XFD1048576"/>', sheet)
-
+    wide = partial(re.sub, rb'<dimension ref="[^"]*"/>', b'<dimension ref="A1:XFD1048576"/>')
     assert Recording.open(changed_workbook(tmp_path / "stage.xlsx", wide)).length == 100

@@ -317,8 +317,7 @@ def test_names_are_printable_told_apart_and_found_by_a_part(
     tmp_path: Path, header: str, options: dict[str, str], columns: tuple[str, ...], units: tuple[str, str]
 ) -> None:
     recording = opened(tmp_path, table(T, X, Y).replace(",".join(HEADER), header, 1), **options)
-    assert tuple(recording.columns.values()) == columns
-    assert (recording.input_unit, recording.output_unit) == units
+    assert (*recording.columns.values(), recording.input_unit, recording.output_unit) == (*columns, *units)
     assert recording.describe().replace("\n", "").isprintable()
 
 

@@ -35,11 +35,17 @@ from learning_loops import (
 from programs import ALL
 from qpsolvers import Problem
 
-from piezo_model import CompensatorBank, Dynamics, SelfLearningCompensator, plants
+from piezo_model import (
+    CompensatorBank,
+    Dynamics,
+    HysteresisCreepModel,
+    ModelError,
+    SelfLearningCompensator,
+    plants,
+)
 from piezo_model.learning.events import Phase
 from piezo_model.learning.learner_file import read_learner, write_learner
 from piezo_model.learning.solving import solved
-from piezo_model.model import HysteresisCreepModel, ModelError
 from solvers.kernel.box_active_set import BoxActiveSet
 from solvers.registry import Entry
 
@@ -194,8 +200,7 @@ def test_a_file_of_an_older_version_is_refused_with_working_advice_on_its_model(
     )
 
 
-TO_THE_TIGHTEST = '{"tolerance": 0.001} to {"tolerance": 1e-13}'
-LADDER = f"its ladder goes from {TO_THE_TIGHTEST}"
+LADDER = 'its ladder goes from {"tolerance": 0.001} to {"tolerance": 1e-13}'
 ACCELERATED, STEPPED = "accelerated_projection", "projected_difference"
 CORE, OPTIONS = ("state", "learning", "core"), ("settings", "solver_options")
 ANOTHER_CORE = "the state of the core is that of another structure"
@@ -329,8 +334,7 @@ def test_tens_of_thousands_of_samples_of_every_fault_never_get_through_to_the_dr
     before = error_of(learner, clean, faulty, plant, slice(-6000, None))
     faulty.failing = True
     for part in range(5 if ALL else 2):
-        y_ref = spoiled(steps(plant, 20.0), *plant.y_range, seed=part)
-        x = learner.run(y_ref, faulty)[0]
+        x = learner.run(spoiled(steps(plant, 20.0), *plant.y_range, seed=part), faulty)[0]
         assert np.all((x >= low) & (x <= high))
         assert np.max(np.abs(np.diff(x))) <= RATE_LIMIT * T * (1 + 1e-12)
     assert min(learner.counts[name] for name in ("missing", "refused", "jumped")) > 200
@@ -405,6 +409,9 @@ def test_without_an_answer_or_with_one_that_explains_its_own_data_worse_than_the
     np.testing.assert_array_equal(learner.model.weights, weights)
 
 
+PROGRAM = Problem(np.eye(2), np.array([-1.0, 1.0]), lb=np.zeros(2))
+
+
 class Eager(BoxActiveSet):
     """A solver that computes its answer in the setup."""
 
@@ -422,20 +429,17 @@ class Eager(BoxActiveSet):
 
 def test_a_solver_has_not_seen_the_data_when_it_is_set_up(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Entry, "load", lambda entry: Eager)
-    program = Problem(np.eye(2), np.array([-1.0, 1.0]), lb=np.zeros(2))
-    assert not np.allclose(solved("box_active_set", {"lane": "kernel"}, program, np.zeros(2)), [1.0, 0.0])
+    assert not np.allclose(solved("box_active_set", {"lane": "kernel"}, PROGRAM, np.zeros(2)), [1.0, 0.0])
 
 
 def test_an_answer_that_its_solver_does_not_call_found_is_not_learned() -> None:
-    program = Problem(np.eye(2), np.array([-1.0, 1.0]), lb=np.zeros(2))
-    assert np.isnan(solved("clarabel", {"max_iter": 1}, program, np.zeros(2))).all()
+    assert np.isnan(solved("clarabel", {"max_iter": 1}, PROGRAM, np.zeros(2))).all()
 
 
 def test_a_wrong_cycle_is_forgotten_in_the_next_but_one() -> None:
     plant, learner, y_ref = at_work(36.8)
     before = error_of(learner, y_ref, plant.run, plant, slice(-4000, None))
-    cycle = learner.samples_until_change() + 1
-    learner.run(y_ref[:cycle], lambda x: 1.1 * plant.run(x))
+    learner.run(y_ref[: learner.samples_until_change() + 1], lambda x: 1.1 * plant.run(x))
     assert error_of(learner, y_ref, plant.run, plant, slice(9400, 13000)) < 1.2 * before
 
 
