@@ -1,7 +1,5 @@
 """Fig. 1: after the data basis is built, any solver learns the weights from it while the compensator is running."""
 
-import math
-
 import numpy as np
 import pytest
 from learning_loops import at_work
@@ -23,15 +21,15 @@ def learning(solver: str, learn_s: float = 20.0, **options: object) -> SelfLearn
 
 def cost_after(learner: SelfLearningCompensator, samples: int) -> float:
     """Cost on the learned data of the weights in use after further samples; new weights take effect a block later."""
-    learner.observe(np.zeros(samples), np.full(samples, math.nan))
-    learner.run(np.zeros(2 * learner._block), lambda x: np.full_like(x, math.nan))
+    learner.observe(np.zeros(samples), np.full(samples, np.nan))
+    learner.run(np.zeros(2 * learner._block), lambda x: np.full_like(x, np.nan))
     return learner.problem.cost(learner.model.weights)
 
 
 def test_an_exact_solver_has_its_answer_after_the_samples_that_it_takes() -> None:
     learner = learning("box_active_set", solve_delay_samples=17)
     wait = -(-17 // learner._block) * learner._block  # a phase ends with a block
-    learner.observe(np.zeros(wait - 1), np.full(wait - 1, math.nan))
+    learner.observe(np.zeros(wait - 1), np.full(wait - 1, np.nan))
     assert learner.phase is Phase.LEARN
     problem, weights = learner.problem, learner.model.weights
     after = cost_after(learner, 1)
@@ -61,7 +59,7 @@ def test_the_steps_are_those_of_the_difference_equation(ratio: float) -> None:
     steps = -(-300 // learner._block) * learner._block
     for _ in range(steps):
         z = np.maximum(z - eta * (P @ z + q), lower)
-    learner.observe(np.zeros(steps), np.full(steps, math.nan))
+    learner.observe(np.zeros(steps), np.full(steps, np.nan))
     assert learner.counts["hand_overs"] == 1
     np.testing.assert_allclose(core["answer"], z, rtol=1e-9, atol=1e-12)
 

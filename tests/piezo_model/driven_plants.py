@@ -4,7 +4,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-from hypothesis import strategies as st
 
 from piezo_model import plants
 from piezo_model.signals import random_walk
@@ -12,7 +11,6 @@ from piezo_model.signals import random_walk
 TS = 1e-3
 NAMES = plants.names()
 every_plant = pytest.mark.parametrize("name", NAMES)
-volts = st.floats(0.0, 150.0)
 
 
 bare = partial(plants.get, sample_time=TS)

@@ -98,8 +98,7 @@ def model_of(rng: Generator, s: ModelStructure) -> HysteresisCreepModel:
 def state_of(rng: Generator, s: ModelStructure) -> OperatorState:
     """Reachable states: neighbouring plays differ by no more than their thresholds do."""
     state = OperatorState.settled_at(s, s.x_centre + s.x_scale * rng.uniform(-1, 1))
-    steps = rng.uniform(-1, 1, s.n) * np.diff((0.0, *s.play_thresholds))
-    state.play[1 : s.n + 1] = state.play[0] + np.cumsum(steps)
+    state.play[1 : s.n + 1] = state.play[0] + np.cumsum(rng.uniform(-1, 1, s.n) * np.diff((0.0, *s.play_thresholds)))
     state.creep[:] = rng.uniform(-1, 1, state.creep.size)
     return state
 

@@ -4,7 +4,7 @@ import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 import openpyxl
@@ -44,7 +44,7 @@ def waves(times: np.ndarray, header: str = HEADER) -> list[str]:
     return [header, *(f"{t:.7g},{np.sin(40 * t):.9g},{np.sin(40 * t - 0.3):.9g}" for t in times.tolist())]
 
 
-def workbook(path: Path, *rows: Iterable[object]) -> openpyxl.Workbook:
+def workbook(path: Path | BinaryIO, *rows: Iterable[object]) -> openpyxl.Workbook:
     """A workbook of one sheet with the given rows, saved."""
     book = openpyxl.Workbook()
     for row in rows:

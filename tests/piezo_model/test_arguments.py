@@ -1,7 +1,6 @@
 """Arguments of public functions: never written to, taken in every form that means vectors, and refused in one sentence
 that names them."""
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -13,7 +12,6 @@ import pandas as pd
 import pytest
 from known_models import a_drive, structure
 from learning_loops import MODEL, PLANT, STRUCTURE, T, learner_for, structure_for
-from qpsolvers import Problem
 
 from piezo_model import (
     Compensator,
@@ -207,7 +205,6 @@ OUT_OF_REACH: tuple[tuple[dict[str, Any], str], ...] = (
     ),
 )
 """Dynamics that do not suit a sampling period."""
-SECONDS = {"duration_s": 2.0, "sample_time": T, "low": -20.0, "high": 130.0}
 OPTIONS_OF_SIGNALS: dict[str, dict[str, float]] = {
     "staircase": {"levels": 1, "hold_s": 0.0},
     "decaying_triangle": {"cycles": 0.5, "final_share": 1.5},
@@ -221,14 +218,14 @@ OF: dict[str, tuple[Callable[..., object], tuple[tuple[dict[str, Any], str], ...
         (
             ({"n": -1}, "n must be a whole number from 0 to 1000, not -1"),
             ({"x_range": (1.0, 1.0)}, r"x_range must be two finite numbers in ascending order, not \(1.0, 1.0\)"),
-            ({"y_range": (0.0, math.nan)}, "y_range must be two finite numbers"),
+            ({"y_range": (0.0, np.nan)}, "y_range must be two finite numbers"),
             ({"y_range": (2.0, 2.0)}, r"y_range must be two finite numbers that differ, not \(2.0, 2.0\)"),
             ({"x_range": (1.0, -1.0)}, r"x_range must be two finite numbers in ascending order, not \(1.0, -1.0\)"),
             ({"creep_rates": (1.0, -1.0)}, r"creep_rates must be from 1e-100 to 1e\+100, not \(1.0, -1.0\)"),
             ({"creep_rates": (1.0, 1.0)}, "creep_rates must differ from each other"),
-            ({"creep_rates": (math.inf,)}, "creep_rates must be from"),
+            ({"creep_rates": (np.inf,)}, "creep_rates must be from"),
             ({"sample_time": 0.0}, "sample_time must be from 1e-09 to 1e.09, not 0.0"),
-            ({"sample_time": math.nan}, "sample_time must be from 1e-09 to 1e.09, not nan"),
+            ({"sample_time": np.nan}, "sample_time must be from 1e-09 to 1e.09, not nan"),
         ),
     ),
     "another structure": (
@@ -266,7 +263,7 @@ OF: dict[str, tuple[Callable[..., object], tuple[tuple[dict[str, Any], str], ...
         MODEL.at,
         tuple(
             ({"sample_time": wrong}, r"sample_time must be from 1e-09 to 1e\+09, not")
-            for wrong in (0.0, -1.0, math.nan, math.inf)
+            for wrong in (0.0, -1.0, np.nan, np.inf)
         ),
     ),
     "a model of dynamics at another rate": (
@@ -282,12 +279,12 @@ OF: dict[str, tuple[Callable[..., object], tuple[tuple[dict[str, Any], str], ...
         (({"solver_options": {"step_ratio": 3.0}}, "step_ratio must lie between 0 and 1"),),
     ),
     "an answer by steps": (
-        partial(solved, "projected_difference", program=Problem(np.eye(1), np.zeros(1)), start=np.zeros(1)),
+        partial(solved, "projected_difference", program=PROBLEM.qp, start=np.zeros(STRUCTURE.d)),
         (({"options": {"steps": -1}}, "steps must be a whole number from 0 to"),),
     ),
     "a table of columns": (
         lambda period: table_of(Path("stage.rec"), Arrays("a format", {"u": DRIVE, "y": OUTPUT}, periods=period)),
-        tuple(({"period": wrong}, "the sampling period must be from") for wrong in (0.0, -1e-3, math.nan)),
+        tuple(({"period": wrong}, "the sampling period must be from") for wrong in (0.0, -1e-3, np.nan)),
     ),
     "parts for a model with dynamics": (
         replace(MODEL, dynamics=SLOW).advance,
@@ -328,7 +325,11 @@ OF: dict[str, tuple[Callable[..., object], tuple[tuple[dict[str, Any], str], ...
     ),
     **{
         f"the signal {name}": (
-            partial(signal, **SECONDS, **({"seed": 7} if name == "random_walk" else {})),
+            partial(
+                signal,
+                **{"duration_s": 2.0, "sample_time": T, "low": -20.0, "high": 130.0},
+                **({"seed": 7} if name == "random_walk" else {}),
+            ),
             (
                 *(({"duration_s": value}, "duration_s") for value in (0.0, np.nan, 1e-4)),
                 *(({"sample_time": value}, "sample_time") for value in (-1.0, np.inf)),
@@ -477,7 +478,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     # and of all others
     **{
         f"states of no number of {name}": (
-            lambda make=make: make(state=replace(states(), play=np.full(8, math.nan))),
+            lambda make=make: make(state=replace(states(), play=np.full(8, np.nan))),
             r"play\[0\] is not a finite number",
         )
         for name, make in (
@@ -486,7 +487,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
         )
     },
     "limits of a compensator": (
-        lambda: Compensator(MODEL, (1.0, math.nan)),
+        lambda: Compensator(MODEL, (1.0, np.nan)),
         r"x_limits must be two numbers in ascending order, not \(1\.0, nan\)",
     ),
     "its rate limit": (
@@ -502,7 +503,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
             lambda what=what, x_start=x_start: what(x_limits=(0.0, 100.0), x_start=x_start),
             rf"x_start(\[0\])? must be within the limits of the drive, 0 to 100, not {x_start:g}",
         )
-        for x_start in (-1.0, 101.0, math.nan, math.inf)
+        for x_start in (-1.0, 101.0, np.nan, np.inf)
         for name, what in (
             ("a compensator", partial(Compensator, MODEL)),
             ("a learner", partial(SelfLearningCompensator, STRUCTURE)),
@@ -529,7 +530,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
         for gain in (-1.0, np.nan, 1.1 / T)
     },
     "a drive of a learner": (
-        lambda: learner_for(PLANT).observe([0.0, math.nan], [0.0, 0.0]),
+        lambda: learner_for(PLANT).observe([0.0, np.nan], [0.0, 0.0]),
         r"x\[1\] is not a finite number",
     ),
     "vectors of a learner": (lambda: learner_for(PLANT).replay([0.0, 1.0], [0.0]), "vectors of the same length"),
@@ -549,7 +550,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
         for name, value, sentence in (
             ("mode", "sideways", "one of cyclic, continuous, not 'sideways'"),
             ("build_s", 0.0, "a positive number of seconds up to 1e.09, not 0.0"),
-            ("learn_s", math.nan, "a positive number of seconds up to 1e.09, not nan"),
+            ("learn_s", np.nan, "a positive number of seconds up to 1e.09, not nan"),
             ("proximal", -1.0, "at least 0 and below 1, not -1.0"),
             ("solve_delay_samples", 0, r"a whole number from 1 to \d+, not 0"),
             ("solve_delay_samples", 2**70, r"a whole number from 1 to \d+, not"),
@@ -598,7 +599,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     ),
     "a start of another structure": (lambda: replace(MODEL, start=ELSEWHERE), "states are those of another structure"),
     "an input that does not exist": (
-        lambda: OperatorState.settled_at(STRUCTURE, math.nan),
+        lambda: OperatorState.settled_at(STRUCTURE, np.nan),
         "x must be a finite number, not nan",
     ),
     "a direction that does not exist": (

@@ -7,7 +7,6 @@ import numpy as np
 import plain_model
 import pytest
 from command_line import python
-from numpy.typing import NDArray
 from plain_model import Matrix, Vector
 from qpsolvers import Problem
 
@@ -48,8 +47,7 @@ def references(samples: int, count: int, seed: int = 0) -> Matrix:
     """Slow sines of changing amplitude, a different one for each actuator."""
     random, k = np.random.default_rng(seed), np.arange(samples)[:, None]
     rate, phase = random.uniform(0.02, 0.05, count), random.uniform(0.0, 6.0, count)
-    references: Matrix = 15.0 * np.sin(rate * k + phase) * (0.7 + 0.3 * np.sin(0.11 * rate * k))
-    return references
+    return np.asarray(15.0 * np.sin(rate * k + phase) * (0.7 + 0.3 * np.sin(0.11 * rate * k)))
 
 
 def close_loop(bank: CompensatorBank, actuators: Actuators, y_ref: Matrix) -> tuple[Matrix, Matrix]:
@@ -159,7 +157,7 @@ def test_the_weights_of_a_bank_of_one_are_those_of_plain_numpy_that_solves_at_th
         np.testing.assert_allclose(ours, STRUCTURE.slope_map @ plain, rtol=0, atol=1e-6)
 
 
-def tile_samples(bank: CompensatorBank) -> NDArray[np.int64]:
+def tile_samples(bank: CompensatorBank) -> np.ndarray:
     """Sample counter of each tile of a bank."""
     offsets, block = bank._core.offsets, bank._core.block
     at, width = offsets["mailbox"][0] + 16, 8 * offsets["driver"][1]  # behind two sizes and the delay

@@ -8,7 +8,6 @@ from learning_loops import MODES, T, at_work, error_of, learner_for, rms_percent
 
 from piezo_model import HysteresisCreepModel, ModelStructure, OperatorState, SelfLearningCompensator, plants
 from piezo_model.learning.events import Phase
-from piezo_model.learning.settings import Mode
 from piezo_model.signals import multi_sine
 
 
@@ -133,7 +132,7 @@ def test_another_solver_is_called_at_each_interval_and_does_as_well() -> None:
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("mode", MODES)
-def test_error_and_memory_stay_as_they_are_and_a_day_uses_little_of_any_counter(mode: Mode) -> None:
+def test_error_and_memory_stay_as_they_are_and_a_day_uses_little_of_any_counter(mode: str) -> None:
     s = ModelStructure.equidistant(5, 3, (0.0, 150.0), (-20.0, 20.0), (10.0, 1.0, 0.1), 125e-6)
     plant = plants.Sensor(plants.get("relay_preisach"), noise_um=0.008)
     learner = SelfLearningCompensator(

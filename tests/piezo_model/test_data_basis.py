@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from known_models import true_model, undisplaced
 from random_models import Case, cases
 
 from piezo_model import DataBasis, IdentificationProblem, ModelStructure
@@ -27,9 +26,11 @@ def problem_of(
     reference: np.ndarray | None = None,
     proximal: float = 1e-10,
 ) -> IdentificationProblem:
-    """Problem of a drive in normalised units, answered by :func:`true_model`."""
-    x_V, state = s.x_centre + s.x_scale * x, undisplaced(s, rest)
-    y = true_model(s).simulate(x_V, state) + noise * s.y_scale * np.random.default_rng(3).normal(size=x.size)
+    """Problem of a drive in normalised units, answered by :func:`known_models.true_model`."""
+    x_V, state = s.x_centre + s.x_scale * x, known_models.undisplaced(s, rest)
+    y = known_models.true_model(s).simulate(x_V, state) + noise * s.y_scale * np.random.default_rng(3).normal(
+        size=x.size
+    )
     basis = DataBasis(s, state)
     basis.update(x_V, y)
     return basis.problem(reference, proximal=proximal)
@@ -60,7 +61,9 @@ def unreached(problem: IdentificationProblem) -> set[str]:
 def test_the_report_names_exactly_the_thresholds_that_the_drive_did_not_reach(amplitude: float, rest: float) -> None:
     s = structure()
     x = rest + full_drive(amplitude) / np.max(np.abs(full_drive()))
-    y = s.unit_output(true_model(s).simulate(s.x_centre + s.x_scale * x, undisplaced(s, rest)))
+    y = s.unit_output(
+        known_models.true_model(s).simulate(s.x_centre + s.x_scale * x, known_models.undisplaced(s, rest))
+    )
     expected = {f"w_{letter}{i}" for letter in "HK" for i, r in enumerate((0.0, *s.play_thresholds)) if r > amplitude}
     expected |= {
         name

@@ -1,7 +1,6 @@
 """Identification of models that are in the class, of the real recording, with lags and with missing outputs."""
 
 import re
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -189,7 +188,9 @@ def test_a_model_of_the_first_half_of_the_real_recording_predicts_the_second() -
     "missing", [[0, 1, 2], [700, 1900, 1901], range(1000, 1200), range(2800, 3000), range(0, 3000, 3)]
 )
 @pytest.mark.parametrize("lag", ["estimate", "remove"])
-def test_missing_outputs_are_left_out_of_the_fit_and_counted_in_the_sentence(missing: Sequence[int], lag: str) -> None:
+def test_missing_outputs_are_left_out_of_the_fit_and_counted_in_the_sentence(
+    missing: list[int] | range, lag: str
+) -> None:
     s, x = structure(creep_rates=(1.0,)), a_drive(3000)
     start = OperatorState.settled_at(s, x[0])
     y = true_model(s).simulate(x, start) + 0.02 * np.random.default_rng(0).normal(size=x.size)

@@ -2,7 +2,6 @@
 
 import copy
 import json
-import math
 import pickle
 import re
 from collections.abc import Callable
@@ -158,7 +157,7 @@ def test_a_model_is_itself_at_its_own_rate(model: HysteresisCreepModel) -> None:
 
 def test_a_sample_that_is_not_a_number_moves_no_state(model: HysteresisCreepModel) -> None:
     before = model.advance([0.1, 0.7], OperatorState.settled_at(model.structure, 0.3))[1]
-    y, state = model.advance([math.nan], before)
+    y, state = model.advance([np.nan], before)
     assert np.all(np.isfinite(y))
     np.testing.assert_equal(vars(state), vars(before))
 
@@ -237,9 +236,9 @@ def spoil(change: Callable[[dict[str, Any]], Any]) -> Callable[[str], str]:
             r"w_S_inverse must have 6 values for this structure, not shape "
             r"\(5,\)",
         ),
-        (spoil(lambda data: data["w_K"].__setitem__(2, math.nan)), "is not a whole JSON file"),
-        (spoil(lambda data: data.update(offset=math.inf)), "is not a whole JSON file"),
-        (spoil(lambda data: data["structure"].update(y_scale=math.nan)), "is not a whole JSON file"),
+        (spoil(lambda data: data["w_K"].__setitem__(2, np.nan)), "is not a whole JSON file"),
+        (spoil(lambda data: data.update(offset=np.inf)), "is not a whole JSON file"),
+        (spoil(lambda data: data["structure"].update(y_scale=np.nan)), "is not a whole JSON file"),
         (spoil(lambda data: data["w_K"].__setitem__(0, 10**400)), "out of range"),
         (spoil(lambda data: data["w_H"].__setitem__(3, -0.1)), r"w_H\[3\] must not be negative, not -0.1"),
         (spoil(lambda data: data["w_K"].__setitem__(0, -1e-9)), r"w_K\[0\] must not be negative, not -1e-09"),
@@ -280,7 +279,7 @@ def test_a_file_that_is_absent_a_folder_or_binary_is_refused_by_its_name(tmp_pat
             HysteresisCreepModel.load(tmp_path / name)
 
 
-@pytest.mark.parametrize("note", [math.inf, "\ud800"])  # the second fails with the temporary file open already
+@pytest.mark.parametrize("note", [np.inf, "\ud800"])  # the second fails with the temporary file open already
 def test_a_failing_save_leaves_the_old_file_whole_and_nothing_beside_it(
     model: HysteresisCreepModel, tmp_path: Path, note: object
 ) -> None:
@@ -313,7 +312,7 @@ FIGURES: dict[str, tuple[Callable[[], Any], Any]] = {
     ),
     "bounds of weights, slopes and the offset": (
         lambda: structure(n=1, m=1, offset=True).lower_bounds(0.01).tolist(),
-        [0.0, 0.01, 0.01, 0.01, 0.0, 0.0, -math.inf],
+        [0.0, 0.01, 0.01, 0.01, 0.0, 0.0, -np.inf],
     ),
     "numbers of NumPy survive JSON": (lambda: decoded(json.dumps(NUMPYS.to_dict()), ModelStructure), NUMPYS),
     "very slow creep loses no digits": (

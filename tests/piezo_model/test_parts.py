@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -139,7 +138,7 @@ def test_a_recording_is_that_of_a_model_only_with_its_period_and_its_parts(tmp_p
 @pytest.mark.parametrize(
     "report", [{"lag": {"removed": True}}, {"recording": [], "parts": 3}, {"left_out_dynamics": 7}]
 )
-def test_a_report_informs_and_nothing_that_runs_depends_on_it(report: dict[str, Any], tmp_path: Path) -> None:
+def test_a_report_informs_and_nothing_that_runs_depends_on_it(report: dict[str, object], tmp_path: Path) -> None:
     x = a_drive(3000)
     model = replace(true_model(structure()), report=report)
     model.save(tmp_path / "model.json")

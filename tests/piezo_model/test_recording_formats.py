@@ -4,7 +4,6 @@ import gc
 import pickle
 from collections.abc import Callable
 from datetime import datetime
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -183,7 +182,7 @@ TIMES: dict[str, Callable[[Path], Any]] = {
 FORMATS: dict[str, tuple[Callable[[Path], Any], dict[str, str]]] = {
     "GCS": (gcs, {"input": "Open-loop Control Value of axis 1", "output": "Current Position of axis 1"}),
     "GCS with tabs": (
-        partial(gcs, separator="\t", end="\n"),
+        lambda path: gcs(path, separator="\t", end="\n"),
         {"input": "Open-loop Control Value of axis 1", "output": "Current Position of axis 1"},
     ),
     "NeXus": (nexus, {"time": "entry/data/time", "input": "entry/data/voltage", "output": "entry/data/displacement"}),

@@ -5,14 +5,12 @@ import math
 import re
 import zipfile
 from collections.abc import Callable
-from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
-import openpyxl
 import pytest
 from recording_files import HEADER, TWO_RATES, error_of, refusal, text_file, waves, workbook
 
@@ -420,7 +418,7 @@ def test_a_workbook_that_grows_beyond_measure_is_refused(
 
 
 def test_the_cells_of_all_sheets_are_counted(tmp_path: Path) -> None:
-    book = openpyxl.Workbook()
+    book = workbook(tmp_path / "stage.xlsx")
     for sheet in (book.active, book.create_sheet(), book.create_sheet()):
         for row in range(1, 451):
             sheet.cell(row, 16384, row)
@@ -429,5 +427,6 @@ def test_the_cells_of_all_sheets_are_counted(tmp_path: Path) -> None:
 
 
 def test_the_size_that_a_workbook_states_is_not_believed(tmp_path: Path) -> None:
-    wide = partial(re.sub, rb'<dimension ref="[^"]*"/>', b'<dimension ref="A1:XFD1048576"/>')
-    assert Recording.open(changed_workbook(tmp_path / "stage.xlsx", wide)).length == 100
+    stated = b'<dimension ref="A1:XFD1048576"/>'
+    path = changed_workbook(tmp_path / "stage.xlsx", lambda sheet: re.sub(rb'<dimension ref="[^"]*"/>', stated, sheet))
+    assert Recording.open(path).length == 100

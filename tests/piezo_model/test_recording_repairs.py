@@ -322,8 +322,7 @@ def test_names_are_printable_told_apart_and_found_by_a_part(
 
 
 def test_seconds_that_nobody_states_are_called_a_guess_and_a_unit_of_time_settles_it(tmp_path: Path) -> None:
-    stamps = np.cumsum(np.random.default_rng(0).choice([4, 5, 6], N)).astype(float)
-    text = table(stamps, X, Y, header=("t", "u", "y"))
+    text = table(np.cumsum(np.random.default_rng(0).choice([4, 5, 6], N)), X, Y, header=("t", "u", "y"))
     guessed, told = opened(tmp_path, text), opened(tmp_path, text, time_unit="ms")
     assert re.search(r"one every 5.* s \(seconds assumed; override with --time-unit\)", guessed.describe())
     assert (guessed.guessed_seconds, told.guessed_seconds) == (True, False)

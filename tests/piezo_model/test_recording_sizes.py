@@ -12,10 +12,9 @@ from typing import Any
 import h5py
 import nptdms
 import numpy as np
-import openpyxl
 import pytest
 from command_line import python
-from recording_files import N, X, Y
+from recording_files import N, X, Y, workbook
 from test_recording_formats import FORMATS, PERIOD, T, made
 
 from piezo_model.recordings import Recording, RecordingError
@@ -50,14 +49,12 @@ CELL, STRUCT, CHAR, DOUBLE = 1, 2, 4, 6
 
 
 def mat_5(*variables: bytes) -> Callable[[Path], Any]:
-    head = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
-    return lambda path: path.write_bytes(head + b"".join(variables))
+    return lambda path: path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + b"".join(variables))
 
 
 def zeros_bomb(shape: tuple[int, int]) -> bytes:
     """A compressed array of 300 MB of zeros, whatever shape it states."""
-    data = array(DOUBLE, shape)[8:] + element(9, bytes(300_000_000))
-    return element(15, zlib.compress(element(14, data), 1))
+    return element(15, zlib.compress(element(14, array(DOUBLE, shape)[8:] + element(9, bytes(300_000_000))), 1))
 
 
 def npz_stated(path: Path) -> None:
@@ -87,7 +84,7 @@ def tdms_texts(path: Path) -> None:
 
 def long_text(path: Path) -> None:
     """A text that many cells refer to."""
-    openpyxl.Workbook().save(book := io.BytesIO())
+    workbook(book := io.BytesIO())
     kind = "application/vnd.openxmlformats-officedocument.spreadsheetml.sharedStrings+xml"
     part = f'<Override PartName="/xl/sharedStrings.xml" ContentType="{kind}"/></Types>'
     row = "<sheetData><row>" + '<c t="s"><v>0</v></c>' * 16384 + "</row></sheetData>"

@@ -3,7 +3,6 @@
 import csv
 import io
 import pickle
-from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
 
@@ -20,7 +19,7 @@ RATE = 997.0
 T = np.arange(N) / RATE
 
 
-def rows(line: str, end: str = "\n", decimal: str = ".", times: Sequence[str] | None = None) -> str:
+def rows(line: str, end: str = "\n", decimal: str = ".", times: list[str] | None = None) -> str:
     """One line per sample; {t}, {x} and {y} are printed with the decimal mark, {i} is the index."""
     times = times or [f"{t:.7f}" for t in T]
     return (

@@ -58,8 +58,8 @@ def test_a_part_has_its_samples_and_starts_and_the_ranges_of_the_whole(stage: Pa
 
 
 def test_the_real_recording_is_read_as_its_authors_describe_it() -> None:
-    described = (0.005, 8027, (0.0, 3.6), (-123.059139, -73.635739), "V", "um")
-    assert facts(Recording.open(real_recording())) == described
+    found = facts(Recording.open(real_recording()))
+    assert found == (0.005, 8027, (0.0, 3.6), (-123.059139, -73.635739), "V", "um")
 
 
 # Arrays in memory.

@@ -1,7 +1,6 @@
 """The self-learning compensator as a whole; behaviour common to both modes is tested in both."""
 
 import json
-import math
 import pickle
 import re
 import time
@@ -87,7 +86,7 @@ def test_runs_and_replays_saved_in_the_middle_of_any_phase_equal_single_steps_bi
 ) -> None:
     make, rings = LEARNERS[name], "ringing" in name
     one, two = (plants.Flexure(sensor(), RINGS) if rings else sensor() for _ in range(2))
-    y_ref, added, stepped, ran, before = steps(one, 12.0), np.zeros(12_000), make(), make(), [math.nan]
+    y_ref, added, stepped, ran, before = steps(one, 12.0), np.zeros(12_000), make(), make(), [np.nan]
     y_ref[3000:3020], added[1000:1010], added[6000:6080] = np.nan, np.nan, 15.0
     for y, error in zip(y_ref.tolist(), added.tolist(), strict=True):
         before.append(two.step(stepped.step(y, before[-1])) + error)
@@ -118,7 +117,7 @@ def test_runs_and_replays_saved_in_the_middle_of_any_phase_equal_single_steps_bi
 def test_an_actuator_that_fails_in_a_run_leaves_the_state_that_steps_without_its_outputs_leave(
     mode: str, solver: str, integral_gain: float
 ) -> None:
-    one, given, before = sensor(), [], [math.nan]
+    one, given, before = sensor(), [], [np.nan]
     y_ref = steps(one, 4.0)
 
     def unplugged(x: np.ndarray) -> np.ndarray:
@@ -131,14 +130,14 @@ def test_an_actuator_that_fails_in_a_run_leaves_the_state_that_steps_without_its
     ran, stepped = (learner_for(one, mode, solver, build_s=1.0, integral_gain=integral_gain) for _ in range(2))
     with pytest.raises(OSError, match="unplugged"):
         ran.run(y_ref, unplugged)
-    before += [math.nan] * (len(given) - len(before))
+    before += [np.nan] * (len(given) - len(before))
     assert given == [stepped.step(*sample) for sample in zip(y_ref.tolist(), before, strict=False)]
     stepped.run([], unplugged)  # the output of the last step is missing, too
     with pytest.raises(ValueError, match="the output of the actuator must hold real numbers, not list"):
         ran.run(y_ref[:1], lambda x: [None])  # type: ignore[list-item, return-value]
     with pytest.raises(ValueError, match=r"drive takes at most samples_until_change\(\) references"):
         stepped.drive(y_ref[: stepped.samples_until_change() + 1])
-    stepped.observe(stepped.drive(y_ref[:1]), [math.nan])
+    stepped.observe(stepped.drive(y_ref[:1]), [np.nan])
     for part in ("compensator", "last_x", "log"):
         np.testing.assert_equal(ran.get_state()[part], stepped.get_state()[part])
     again = deepcopy(one)
@@ -446,6 +445,5 @@ def test_a_wrong_cycle_is_forgotten_in_the_next_but_one() -> None:
 def test_a_narrow_cycle_does_not_spoil_the_weights_learned_in_a_wide_one() -> None:
     plant, learner, wide = at_work(12.0)
     learner.run(wide, plant.run)
-    narrow = 5.0 + 0.1 * steps(plant, 60.0)
-    assert error_of(learner, narrow, plant.run, plant, slice(-3000, None)) < 0.2
+    assert error_of(learner, 5.0 + 0.1 * steps(plant, 60.0), plant.run, plant, slice(-3000, None)) < 0.2
     assert error_of(learner, wide, plant.run, plant, slice(500, 3000)) < 3.0

@@ -1,7 +1,6 @@
 """The sensor of a plant: the size of each of its errors, and their repeatability; a learner's verdict on each of its
 samples."""
 
-import math
 from itertools import pairwise
 
 import numpy as np
@@ -99,17 +98,14 @@ def gap(value: float, y: np.ndarray = RAMP, begin: int = 50, end: int = 60) -> n
 @pytest.mark.parametrize(
     ("x", "y", "bad"),
     [
-        *(
-            (RAMP, gap(value), dict.fromkeys(range(50, 60), Verdict.MISSING))
-            for value in (math.nan, math.inf, -math.inf)
-        ),
+        *((RAMP, gap(value), dict.fromkeys(range(50, 60), Verdict.MISSING)) for value in (np.nan, np.inf, -np.inf)),
         (RAMP, gap(PLAUSIBLE * 1.01, begin=10, end=11), {10: Verdict.REFUSED}),
         (RAMP, gap(-1e9, begin=20, end=21), {20: Verdict.REFUSED}),
         (RAMP, RAMP + 1.5 * JUMP * (K >= 100), {100: Verdict.JUMPED}),
         (RAMP, gap(RAMP[49], end=150), dict.fromkeys(range(53, 150), Verdict.REFUSED)),
         (STEPS, STEPS, {}),
         (0.3 + 0.4 * FROZEN_DRIVE * np.sign(np.sin(np.arange(5000))), np.full(5000, 0.2), {}),
-        (4.0 * RAMP, gap(math.nan, 4.0 * RAMP, 50, 150), dict.fromkeys(range(50, 150), Verdict.MISSING)),
+        (4.0 * RAMP, gap(np.nan, 4.0 * RAMP, 50, 150), dict.fromkeys(range(50, 150), Verdict.MISSING)),
     ],
     ids=[
         "NaN",
