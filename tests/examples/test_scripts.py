@@ -112,8 +112,7 @@ def test_a_seed_is_a_situation_in_which_the_reference_can_be_reached(seed: int) 
     low, high = situation.x_limits
     x = np.interp(np.arange(4000), (0, 2000, 4000), (low, high, low))
     y = situation.sensor().run(x)
-    for one, same in ((situation.y_ref, again.y_ref), (y, again.sensor().run(x))):
-        np.testing.assert_array_equal(one, same)
+    np.testing.assert_equal((situation.y_ref, y), (again.y_ref, again.sensor().run(x)))
     assert np.nanmin(y) < situation.y_ref.min() + 0.02 * np.ptp(y[np.isfinite(y)])
     assert np.nanmax(y) > situation.y_ref.max()
     assert situation.structure().d == 19

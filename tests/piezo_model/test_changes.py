@@ -308,8 +308,8 @@ def test_a_gain_is_refused_beside_the_lag_that_the_loop_has_whatever_became_of_i
     bank.set_model(0, model)
     bank.save(tmp_path / "bank.json")
     loaded = HysteresisCreepModel.load(tmp_path / "model.json"), *CompensatorBank.load(tmp_path / "bank.json").models
-    for same in (model, model.static, model.at(5e-4), *loaded):
-        assert same.require_stable(1.0, inverts=False) == pytest.approx(most, rel=0.2)
+    same = [each.require_stable(1.0, inverts=False) for each in (model, model.static, model.at(5e-4), *loaded)]
+    assert same == pytest.approx([most] * 5, rel=0.2)
     with pytest.raises(ModelError, match=r"integral_gain must be below .* with a delay of 3"):
         Compensator(model, integral_gain=1.1 * most, dynamics=False)
     fits = Compensator(model, integral_gain=0.5 * most, dynamics=False)

@@ -52,19 +52,6 @@ def micrometres(u: np.ndarray) -> np.ndarray:
     return 20.0 * u
 
 
-Case = tuple[Callable[[], Any], Callable[[Any, int], Any]]
-"""What makes an object in the middle of its work, and a use that goes on from there and returns what can be seen."""
-
-
-def used(make: Callable[[], Any], use: Callable[[Any, int], Any]) -> Case:
-    def in_the_middle() -> Any:
-        thing = make()
-        use(thing, 100)
-        return thing
-
-    return in_the_middle, use
-
-
 def update(basis: DataBasis, seed: int) -> Any:
     basis.update(volts(signal(seed, 333)), micrometres(signal(seed, 333)))
     return basis.P, basis.q, basis.c, basis.samples, basis.state.play, basis.excitation
@@ -87,48 +74,52 @@ def move_states(state: OperatorState, seed: int) -> Any:
     return before
 
 
-CASES: dict[str, Case] = {
+CASES: dict[str, tuple[Callable[[], Any], Callable[[Any, int], Any]]] = {
     **{
-        f"a compensator, {name}": used(
+        f"a compensator, {name}": (
             partial(Compensator, model, (0.0, 150.0), rate_limit=1e5, integral_gain=5.0),
             lambda one, seed: [(one.step(y), one.correct(y + 0.1)) for y in micrometres(signal(seed, 100)).tolist()],
         )
         for name, model in (("static", MODEL), ("ringing", replace(MODEL, dynamics=RINGING)))
     },
-    "a data basis": used(lambda: DataBasis(STRUCTURE, forgetting=0.999), update),
-    **{f"a learner, {mode}": used(partial(learner_for, PLANT, mode, build_s=1.0), learn) for mode in MODES},
+    "a data basis": (lambda: DataBasis(STRUCTURE, forgetting=0.999), update),
+    **{f"a learner, {mode}": (partial(learner_for, PLANT, mode, build_s=1.0), learn) for mode in MODES},
     **{
-        f"a bank of {threads} threads": used(partial(CompensatorBank, STRUCTURE, 19, threads=threads), run_bank)
+        f"a bank of {threads} threads": (partial(CompensatorBank, STRUCTURE, 19, threads=threads), run_bank)
         for threads in (1, 2)
     },
     **{
-        f"the plant {name}": used(
-            partial(plants.get, name, sample_time=T), lambda plant, seed: plant.run(volts(signal(seed, 200)))
+        f"the plant {name}": (
+            partial(plants.get, name, sample_time=T),
+            lambda plant, seed: plant.run(volts(signal(seed, 200))),
         )
         for name in plants.names()
     },
-    "a sensor": used(partial(sensor, delay_samples=3), lambda one, seed: one.run(volts(signal(seed, 200)))),
-    "a flexure": used(
+    "a sensor": (partial(sensor, delay_samples=3), lambda one, seed: one.run(volts(signal(seed, 200)))),
+    "a flexure": (
         lambda: plants.Flexure(plants.get("bouc_wen", sample_time=T), RINGING),
         lambda plant, seed: plant.run(volts(signal(seed, 200))),
     ),
-    "states of operators": used(partial(OperatorState.settled_at, STRUCTURE, 40.0, "above"), move_states),
+    "states of operators": (partial(OperatorState.settled_at, STRUCTURE, 40.0, "above"), move_states),
     "a recording": (
         lambda: Recording.from_arrays(volts(signal(0, 200)), micrometres(signal(0, 200)), T, name="here"),
         lambda recording, seed: (recording.digest(), recording.describe()),
     ),
     "a model": (lambda: MODEL, lambda model, seed: (model.simulate(volts(signal(seed, 200))), model.to_dict())),
 }
+"""What makes an object, and a use of it that returns what can be seen."""
 
 
 @each_way
 @pytest.mark.parametrize("what", CASES)
 def test_a_copy_goes_on_as_the_original_would_and_neither_disturbs_the_other(what: str, way: str) -> None:
     (make, use), again = CASES[what], COPIES[way]
-    original = make()
+    original, alike = make(), make()
+    for thing in (original, alike):
+        use(thing, 100)  # into the middle of its work
     one, other = again(original), again(original)
     use(one, 1)
-    expected = use(make(), 2)
+    expected = use(alike, 2)
     np.testing.assert_equal(use(other, 2), expected)
     np.testing.assert_equal(use(original, 2), expected)
     # … and on: what one of them learned is of no effect on the others

@@ -158,8 +158,8 @@ def test_a_recording_of_ten_thousand_times_the_period_gives_the_same_model(seed:
     y = replace(true_model(structure(sample_time=1e-3, creep_rates=())), dynamics=late).simulate(x)
     fast, slow = (identify(Recording.from_arrays(x, y, T), creep_rates=()) for T in (1e-3, 10.0))
     assert slow.report["fit"]["rms_percent"] == pytest.approx(fast.report["fit"]["rms_percent"], rel=0.01, abs=1e-6)
-    for name in ("delay_s", "amplifier_lag_s"):
-        assert getattr(slow.dynamics, name) == pytest.approx(1e4 * getattr(fast.dynamics, name), rel=1e-3)
+    found, expected = slow.dynamics, (1e4 * fast.dynamics.delay_s, 1e4 * fast.dynamics.amplifier_lag_s)
+    assert (found.delay_s, found.amplifier_lag_s) == pytest.approx(expected, rel=1e-3)
 
 
 @given(st.data(), st.integers(0, 2), st.booleans(), st.floats(1e-5, 10.0))

@@ -40,8 +40,7 @@ def test_a_drive_in_chunks_gives_the_same_bits_as_the_whole(case: Case) -> None:
         y, state = case.model.advance(part, state)
         parts.append(y)
     np.testing.assert_equal(vars(state), vars(end))
-    for again in (np.concatenate(parts), case.model.simulate(x, case.state)):
-        np.testing.assert_array_equal(again, whole)
+    np.testing.assert_array_equal([np.concatenate(parts), case.model.simulate(x, case.state)], [whole, whole])
 
 
 def test_without_states_the_actuator_had_rested_where_a_compensators_drive_starts() -> None:
@@ -268,15 +267,16 @@ def test_a_spoiled_file_is_refused_with_one_sentence_that_names_it(
         HysteresisCreepModel.load(path)
 
 
-def test_a_file_that_is_absent_a_folder_or_binary_is_refused_by_its_name(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [("absent.json", "there is no such file"), ("", "cannot be read"), ("binary.json", "is not a whole JSON")],
+)
+def test_a_file_that_is_absent_a_folder_or_binary_is_refused_by_its_name(
+    tmp_path: Path, name: str, sentence: str
+) -> None:
     (tmp_path / "binary.json").write_bytes(b"\xff\xfe\x00\x81")
-    for name, sentence in (
-        ("absent.json", "there is no such file"),
-        ("", "cannot be read"),
-        ("binary.json", "is not a whole JSON"),
-    ):
-        with pytest.raises(ModelError, match=f"{re.escape(str(tmp_path / name))}: {sentence}"):
-            HysteresisCreepModel.load(tmp_path / name)
+    with pytest.raises(ModelError, match=f"{re.escape(str(tmp_path / name))}: {sentence}"):
+        HysteresisCreepModel.load(tmp_path / name)
 
 
 @pytest.mark.parametrize("note", [np.inf, "\ud800"])  # the second fails with the temporary file open already
@@ -291,12 +291,12 @@ def test_a_failing_save_leaves_the_old_file_whole_and_nothing_beside_it(
     assert [file.name for file in tmp_path.iterdir()] == ["m.json"]
 
 
-def test_a_descending_output_range_gives_the_structure_of_the_reversed_output() -> None:
-    for low, high in ((-20.0, 20.0), (3.0, 7.0)):
-        descending, ascending = structure(y_range=(high, low)), structure(y_range=(low, high))
-        assert descending == ascending.reversed_output()
-        assert (descending.negative_gain, ascending.negative_gain) == (True, False)
-        np.testing.assert_allclose(descending.unit_output(np.array([high, low])), [-1.0, 1.0])
+@pytest.mark.parametrize(("low", "high"), [(-20.0, 20.0), (3.0, 7.0)])
+def test_a_descending_output_range_gives_the_structure_of_the_reversed_output(low: float, high: float) -> None:
+    descending, ascending = structure(y_range=(high, low)), structure(y_range=(low, high))
+    assert descending == ascending.reversed_output()
+    assert (descending.negative_gain, ascending.negative_gain) == (True, False)
+    np.testing.assert_allclose(descending.unit_output(np.array([high, low])), [-1.0, 1.0])
 
 
 NUMPYS = structure(sample_time=np.float32(0.5), creep_rates=np.array([2, 1]), offset=np.True_)
