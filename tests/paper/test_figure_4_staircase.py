@@ -1,9 +1,8 @@
 """Fig. 4: a staircase without compensation and with self-learning compensation, on a simulated stage; and what the
 solver has to do with it."""
 
-from dataclasses import dataclass
+from collections import namedtuple
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,13 +16,11 @@ import two_axis_stage as stage  # noqa: E402
 FIGURES = ("fig4_staircase_x", "fig4_staircase_y", "loops", "cycles")
 
 
-@dataclass(frozen=True)
-class Figures:
-    folder: Path
-    said: str
+Figures = namedtuple("Figures", "folder said")
 
-    def table(self, name: str) -> Any:
-        return pd.read_csv(self.folder / "figures" / f"{name}.csv")
+
+def table(figures: Figures, name: str):
+    return pd.read_csv(figures.folder / "figures" / f"{name}.csv")
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +33,7 @@ def figures(tmp_path_factory: pytest.TempPathFactory) -> Figures:
 
 @pytest.mark.parametrize("axis", ["x", "y"])
 def test_learning_follows_the_staircase_far_better_than_any_straight_line(figures: Figures, axis: str) -> None:
-    t = figures.table(f"fig4_staircase_{axis}")
+    t = table(figures, f"fig4_staircase_{axis}")
     rms = np.sqrt(t.assign(square=t.error_um**2).groupby("name").square.mean())
     assert t[t.name == "reference"].position_um.max() == pytest.approx(stage.AMPLITUDE_UM)
     assert rms["self-learning"] < 0.1 * rms["best straight line with hindsight"]
@@ -52,14 +49,14 @@ def test_the_line_of_hindsight_is_the_best_of_its_neighbours() -> None:
 
 
 def test_the_error_falls_with_the_cycles_and_drift_calls_for_learning_on(figures: Figures) -> None:
-    t = figures.table("cycles").set_index(["stage", "name"]).percent.sort_index(kind="stable")
+    t = table(figures, "cycles").set_index(["stage", "name"]).percent.sort_index(kind="stable")
     learned = t["steady", "self-learning"]
     assert learned.iloc[-1] < 0.1 * learned.iloc[0]
     assert t["drifting", "self-learning"].iloc[-1] < t["drifting", "learned for 2 cycles, then fixed"].iloc[-1]
 
 
 def test_loops_close_under_compensation(figures: Figures) -> None:
-    largest = figures.table("loops").groupby(["axis", "name"]).error_um.agg(lambda error: error.abs().max())
+    largest = table(figures, "loops").groupby(["axis", "name"]).error_um.agg(lambda error: error.abs().max())
     for axis in stage.AXES:
         assert largest[axis, "self-learning"] < 0.4 * largest[axis, "straight line"]
 

@@ -67,6 +67,15 @@ def refusal(path: Path, **options: Any) -> str:
     return sentence
 
 
+def error_of(path: Path) -> RecordingError | None:
+    """The refusal of a file, if it is refused; for a child process, since a damaged file may crash a native library."""
+    try:
+        Recording.open(path)
+    except RecordingError as error:
+        return error
+    return None
+
+
 @contextmanager
 def without_privileges() -> Iterator[None]:
     """Run as an ordinary user, for whom file permissions are effective."""

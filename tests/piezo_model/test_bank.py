@@ -55,8 +55,7 @@ def close_loop(bank: CompensatorBank, actuators: Actuators, y_ref: Matrix) -> tu
     x, y, before = np.empty_like(y_ref), np.empty_like(y_ref), np.full(y_ref.shape[1], np.nan)
     for k, row in enumerate(y_ref):
         x[k] = bank.step(row, before)
-        y[k] = actuators(x[k])
-        before = y[k].copy()
+        y[k] = before = actuators(x[k])
     return x, y
 
 
@@ -149,24 +148,18 @@ def test_the_weights_of_a_bank_of_one_are_those_of_plain_numpy_that_solves_at_th
         x[k] = bank.step(y_ref[k], before)[0]
         if k > INTERVAL and k % INTERVAL == BLOCK:  # weights of the interval that ended one block earlier
             weights.append(bank.weights[0, 1:-1])
-        y[k] = plant(x[k : k + 1])[0]
-        before = y[k : k + 1].copy()
+        y[k : k + 1] = before = plant(x[k : k + 1])
     assert int(bank.counts["hand_overs"][0]) > 5
     expected = [STRUCTURE.slope_map @ unknowns for unknowns in oracle(x, y)[: len(weights)]]
     np.testing.assert_allclose(weights, expected, rtol=0, atol=1e-6)
 
 
-def tile_samples(bank: CompensatorBank) -> np.ndarray:
-    """Sample counter of each tile of a bank."""
-    offsets, block = bank._core.offsets, bank._core.block
-    at, width = offsets["mailbox"][0] + 16, 8 * offsets["driver"][1]  # behind two sizes and the delay
-    return np.array([block[at + tile * width :][:8].view(np.int64)[0] for tile in range(bank._tiles)])
-
-
 @pytest.mark.parametrize("hand_over_s", [0.1, 0.01])
 def test_no_sample_has_more_than_its_share_of_blocks_optima_and_checkpoints(hand_over_s: float) -> None:
     bank = CompensatorBank(STRUCTURE, 7000, hand_over_s=hand_over_s)
-    begins = tile_samples(bank)
+    offsets, block = bank._core.offsets, bank._core.block
+    at, width = offsets["mailbox"][0] + 16, 8 * offsets["driver"][1]  # behind two sizes and the delay
+    begins = np.array([block[at + tile * width :][:8].view(np.int64)[0] for tile in range(bank._tiles)])
     for length in (bank.block, bank.interval, int(bank._numbers["checkpoint"])):
         due = np.bincount(begins % length, minlength=length)
         assert due.max() <= due.mean() + 3.0

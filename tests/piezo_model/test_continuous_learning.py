@@ -1,13 +1,17 @@
-"""Continuous operation: drift, rest, and faults, over which the learned weights are kept."""
+"""Continuous operation: drift, rest, and faults, over which the learned weights are kept; the verdict on each sample of
+a sensor."""
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from learning_loops import MODES, T, at_work, error_of, learner_for, rms_percent, sensor, steps
 
 from piezo_model import HysteresisCreepModel, ModelStructure, OperatorState, SelfLearningCompensator, plants
-from piezo_model.learning.events import Phase
+from piezo_model.learning.events import Phase, Verdict
 from piezo_model.signals import multi_sine
 
 
@@ -128,6 +132,70 @@ def test_another_solver_is_called_at_each_interval_and_does_as_well() -> None:
         errors[solver] = error_of(learner, 0.7 * y_ref, plant.run, plant, slice(-4000, None))
         assert learner.counts["hand_overs"] > 20
     assert errors["box_active_set"] == errors["projected_difference"] == pytest.approx(errors["daqp"], rel=0.02)
+
+
+FROZEN_DRIVE, JUMP, PLAUSIBLE = 0.02, 0.25, 4.0
+
+RAMP = np.linspace(-0.5, 0.5, 200)
+
+
+def judged(x: np.ndarray, y: np.ndarray) -> list[Verdict]:
+    """Verdicts of a new compensator on drives and outputs in normalised units."""
+    learner = SelfLearningCompensator(
+        ModelStructure.equidistant(1, 0, (-1.0, 1.0), (-1.0, 1.0), (), 1e-3), adapt_range=False
+    )
+    counts = [learner.counts]
+    for sample in zip(x[:, None], y[:, None], strict=True):
+        learner.observe(*sample)
+        counts.append(learner.counts)
+    return [next(v for v in Verdict if now[v.name.lower()] > old[v.name.lower()]) for old, now in pairwise(counts)]
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_a_sensor_that_follows_its_actuator_is_good_at_every_sample(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    x = np.cumsum(random.normal(0.0, 0.02, 300)).clip(-1.0, 1.0)
+    assert set(judged(x, 0.9 * x + random.normal(0.0, 1e-3, x.size))) == {Verdict.GOOD}
+
+
+K, STEPS = np.arange(200), np.repeat([-1.0, 1.0, -1.0], 10)
+
+
+def gap(value: float, y: np.ndarray = RAMP, begin: int = 50, end: int = 60) -> np.ndarray:
+    """The signal with a part replaced by one value."""
+    k = np.arange(y.size)
+    return np.where((k >= begin) & (k < end), value, y)
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "bad"),
+    [
+        *((RAMP, gap(value), dict.fromkeys(range(50, 60), Verdict.MISSING)) for value in (np.nan, np.inf, -np.inf)),
+        (RAMP, gap(PLAUSIBLE * 1.01, begin=10, end=11), {10: Verdict.REFUSED}),
+        (RAMP, gap(-1e9, begin=20, end=21), {20: Verdict.REFUSED}),
+        (RAMP, RAMP + 1.5 * JUMP * (K >= 100), {100: Verdict.JUMPED}),
+        (RAMP, gap(RAMP[49], end=150), dict.fromkeys(range(53, 150), Verdict.REFUSED)),
+        (STEPS, STEPS, {}),
+        (0.3 + 0.4 * FROZEN_DRIVE * np.sign(np.sin(np.arange(5000))), np.full(5000, 0.2), {}),
+        (4.0 * RAMP, gap(np.nan, 4.0 * RAMP, 50, 150), dict.fromkeys(range(50, 150), Verdict.MISSING)),
+    ],
+    ids=[
+        "NaN",
+        "infinite",
+        "minus infinity",
+        "far above",
+        "far below",
+        "a jump is one sample",
+        "frozen from the sample on at which the drive has moved until it changes",
+        "a fast drive explains a fast output",
+        "a drive that trembles freezes nothing",
+        "the way of the drive in a gap explains that of the output",
+    ],
+)
+def test_every_kind_of_bad_sample_is_rejected_and_no_good_one(
+    x: np.ndarray, y: np.ndarray, bad: dict[int, Verdict]
+) -> None:
+    assert {k: v for k, v in enumerate(judged(x, y)) if v is not Verdict.GOOD} == bad
 
 
 @pytest.mark.nightly

@@ -196,8 +196,9 @@ def triangle(size: int, seed: int) -> np.ndarray:
 
 def tones(size: int, seed: int) -> np.ndarray:
     t, rng = np.arange(size) * T, np.random.default_rng(seed)
-    sines = (np.sin(2 * np.pi * f * t + rng.uniform(0.0, 6.28)) / np.sqrt(f) for f in (1, 2, 5, 10, 20, 50, 100, 200))
-    total = sum(sines)
+    total = sum(
+        np.sin(2 * np.pi * f * t + rng.uniform(0.0, 6.28)) / np.sqrt(f) for f in (1, 2, 5, 10, 20, 50, 100, 200)
+    )
     return 75.0 + 75.0 * total / np.abs(total).max()
 
 

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from driven_plants import NAMES
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from learning_loops import MODES, WAYS, T, Vector, error_of, learner_for, sensor, steps, stretched, structure_for
@@ -25,6 +24,7 @@ from piezo_model import (
 from piezo_model.learning.driven_range import LONGEST, UNDER, DrivenRange, carried_over
 from piezo_model.learning.events import REVERSED
 
+NAMES = plants.names()
 SECONDS = 8
 TIME = np.arange(SECONDS * 1000) * T
 PHASES = {"reset_s": 0.1, "build_s": 2.0, "learn_s": 0.5, "hand_over_s": 0.02, "solve_delay_samples": 5}

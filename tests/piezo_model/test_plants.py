@@ -1,9 +1,10 @@
 """Simulated actuators: the contract of a plant, bare or with its sensor, the behaviour of a stack
-actuator, and laws that each simulated hysteresis obeys or violates."""
+actuator, laws that each simulated hysteresis obeys or violates, and the errors of a sensor."""
+
+from functools import partial
 
 import numpy as np
 import pytest
-from driven_plants import NAMES, TS, bare, every_plant, ramp, walk
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from programs import ALL
@@ -11,7 +12,21 @@ from ringing_stage import RingingStage, T, steps
 
 from piezo_model import DataBasis, Dynamics, ModelStructure, plants
 from piezo_model.plants.bouc_wen import BoucWen
-from piezo_model.signals import decaying_triangle, multi_sine
+from piezo_model.signals import decaying_triangle, multi_sine, random_walk
+
+TS = 1e-3
+NAMES = plants.names()
+every_plant = pytest.mark.parametrize("name", NAMES)
+bare = partial(plants.get, sample_time=TS)
+
+
+def ramp(*turns, per_ramp=200):
+    """Drive that visits the turning points, V."""
+    return np.interp(np.arange((len(turns) - 1) * per_ramp + 1) / per_ramp, np.arange(len(turns)), turns)
+
+
+def walk(seconds=2.0, seed=0):
+    return random_walk(duration_s=seconds, sample_time=TS, low=0.0, high=150.0, seed=seed, spread_per_root_s=3.0)
 
 
 def flexed(delay_s):
@@ -20,7 +35,7 @@ def flexed(delay_s):
 
 def measured(name):
     return plants.Sensor(
-        plants.get(name, sample_time=TS),
+        bare(name),
         noise_um=0.01,
         quantum_um=0.001,
         gain_drift_per_s=1e-3,
@@ -221,3 +236,55 @@ def test_a_stage_in_a_flexure_moves_as_one_that_is_integrated_on_a_finer_grid():
     x = steps(4000, 1)
     finer = RingingStage("bouc_wen", [(300.0, 0.02, 0.9)])
     np.testing.assert_allclose(flexed(0.0).run(x), finer.run(x), atol=1e-9)
+
+
+# The sensor of a plant: the size of each of its errors, and their repeatability
+
+
+def resting():
+    """A plant without creep, whose range is not symmetric."""
+    return plants.get("bouc_wen", sample_time=TS, creep_share=0.0, y_range=(10.0, 50.0))
+
+
+def added(size=50_000, **options):
+    """Error of the sensor of a plant at rest."""
+    still = np.zeros(size)
+    return plants.Sensor(resting(), **options).run(still) - resting().run(still)
+
+
+def test_the_noise_has_its_standard_deviation_and_is_white():
+    m = added(noise_um=0.02, seed=1)
+    assert m.mean() == pytest.approx(0.0, abs=5e-4)
+    assert m.std() == pytest.approx(0.02, rel=0.02)
+    assert abs(np.corrcoef(m[1:], m[:-1])[0, 1]) < 0.02
+
+
+def test_the_same_seed_gives_the_same_noise_and_another_seed_another():
+    one, same, twice, other = (
+        added(100, noise_um=size, seed=seed) for seed, size in ((1, 0.02), (1, 0.02), (1, 0.04), (2, 0.02))
+    )
+    np.testing.assert_array_equal(one, same)
+    assert not np.array_equal(one, other)
+    np.testing.assert_allclose(twice, 2.0 * one, rtol=1e-10)
+
+
+def test_the_gain_drifts_about_the_centre_of_the_range():
+    t, away = np.arange(3000) * TS, resting().run(np.zeros(3000)) - 30.0
+    np.testing.assert_allclose(added(3000, gain_drift_per_s=0.01), away * 0.01 * t, atol=1e-12)
+
+
+def test_the_measurement_is_the_nearest_multiple_of_the_quantum():
+    x = walk()
+    y = bare("relay_preisach").run(x)
+    m = plants.Sensor(bare("relay_preisach"), quantum_um=0.05).run(x)
+    np.testing.assert_allclose(m / 0.05, np.round(m / 0.05), atol=1e-9)
+    assert np.abs(m - y).max() <= 0.025 + 1e-12
+    assert (m - y).std() == pytest.approx(0.05 / np.sqrt(12.0), rel=0.1)
+
+
+@pytest.mark.parametrize("options", [{}, {"delay_samples": 4}])
+def test_a_measurement_is_the_displacement_or_an_earlier_one_that_starts_with_the_first(options):
+    x, late = walk(), options.get("delay_samples", 0)
+    y = bare("bouc_wen").run(x)
+    expected = np.concatenate([np.full(late, y[0]), y[: y.size - late]])
+    np.testing.assert_array_equal(plants.Sensor(bare("bouc_wen"), **options).run(x), expected)
