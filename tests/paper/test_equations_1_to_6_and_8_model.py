@@ -13,13 +13,12 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from known_models import a_drive, structure, true_model
+from known_models import a_drive, basis_of, structure, true_model
 from plain_model import hysteresis_and_creep, one_sided_dead_zones, superposition
 from random_models import FREE, Case, cases, drive
 
 from piezo_model import (
     Compensator,
-    DataBasis,
     HysteresisCreepModel,
     ModelStructure,
     OperatorState,
@@ -132,8 +131,7 @@ def test_every_form_has_the_cost_of_the_error_model_and_the_proximal_term(
     case: Case, form: tuple[Coordinates, Scaling]
 ) -> None:
     s, rng = case.structure, case.rng
-    basis = DataBasis(s, case.state)
-    basis.update(*case.recording(300))
+    basis = basis_of(s, *case.recording(300), case.state)
     reference, w = rng.uniform(0, 1, s.d), rng.uniform(0, 1, s.d)
     problem = basis.problem(reference, proximal=1e-4)
     v, v_ref = s.inverse_slope_map @ w, s.inverse_slope_map @ reference
@@ -153,9 +151,8 @@ def test_every_form_has_the_cost_of_the_error_model_and_the_proximal_term(
 @settings(max_examples=40)
 @given(cases(), st.integers(0, 2**32 - 1))
 def test_box_and_cone_admit_the_same_weights(case: Case, seed: int) -> None:
-    s, basis = case.structure, DataBasis(case.structure, case.state)
-    basis.update(*case.recording(200))
-    problem = basis.problem(min_slope=0.05)
+    s = case.structure
+    problem = basis_of(s, *case.recording(200), case.state).problem(min_slope=0.05)
     v = np.random.default_rng(seed).uniform(-0.02, 1, s.d)
     assume(np.min(np.abs(v - s.lower_bounds(0.05))) > 1e-6)
     admissible = bool(np.all(v >= s.lower_bounds(0.05)))

@@ -1,8 +1,11 @@
 """Known models and drives, from which an identification has to recover the model."""
 
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 
-from piezo_model import HysteresisCreepModel, ModelStructure, OperatorState
+from piezo_model import DataBasis, HysteresisCreepModel, ModelStructure, OperatorState
 
 
 def structure(**changes: object) -> ModelStructure:
@@ -31,6 +34,19 @@ def a_drive(size: int = 6000, fine: int = 1) -> np.ndarray:
     """Drive over the whole range, V, with ``fine`` samples per sampling period."""
     t = np.arange(size * fine) / fine
     return 50 + 30 * np.sin(t / 40) + 20 * np.sin(t / 131 + 1)
+
+
+def basis_of(s: ModelStructure, x: np.ndarray, y: np.ndarray, state: OperatorState) -> DataBasis:
+    """The data basis of one recording."""
+    basis = DataBasis(s, state)
+    basis.update(x, y)
+    return basis
+
+
+def reloaded(thing: Any, folder: Path) -> Any:
+    """What a file of it gives."""
+    thing.save(folder / "saved")
+    return type(thing).load(folder / "saved")
 
 
 def undisplaced(s: ModelStructure, unit_x: float) -> OperatorState:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from known_models import a_drive, structure
+from known_models import a_drive, basis_of, structure
 from learning_loops import MODEL, PLANT, STRUCTURE, T, learner_for, structure_for
 
 from piezo_model import (
@@ -41,12 +41,6 @@ def states() -> OperatorState:
     return OperatorState.settled_at(STRUCTURE, 30.0, "above")
 
 
-def basis_of(x: Vector, y: Vector, state: OperatorState) -> DataBasis:
-    basis = DataBasis(STRUCTURE, state)
-    basis.update(x, y)
-    return basis
-
-
 TWO = np.column_stack([DRIVE, np.roll(DRIVE, 700)])
 CALLS: dict[str, tuple[Callable[..., Any], tuple[Any, ...]]] = {
     "simulate": (MODEL.simulate, (DRIVE, states())),
@@ -57,8 +51,8 @@ CALLS: dict[str, tuple[Callable[..., Any], tuple[Any, ...]]] = {
         lambda w: Compensator(MODEL).change_model(HysteresisCreepModel.from_weights(STRUCTURE, w)),
         (2.0 * STRUCTURE.straight_line,),
     ),
-    "make a data basis": (basis_of, (DRIVE, OUTPUT, states())),
-    "its problem": (lambda w: basis_of(DRIVE, OUTPUT, states()).problem(w).qp, (STRUCTURE.straight_line,)),
+    "make a data basis": (partial(basis_of, STRUCTURE), (DRIVE, OUTPUT, states())),
+    "its problem": (lambda w: basis_of(STRUCTURE, DRIVE, OUTPUT, states()).problem(w).qp, (STRUCTURE.straight_line,)),
     "identify": (lambda x, y, state: identify(x, y, STRUCTURE, state=state), (DRIVE, OUTPUT, states())),
     "make a recording": (lambda x, y: Recording.from_arrays(x, y, T), (DRIVE, OUTPUT)),
     "run a learner": (lambda y: learner_for(PLANT, "continuous").run(y, lambda x: x / 7.5 - 10.0), (OUTPUT,)),
@@ -93,7 +87,7 @@ def test_what_is_handed_out_is_read_only_or_the_callers_own() -> None:
             with pytest.raises(ValueError, match="read-only"):
                 array[:] = 0
     np.testing.assert_array_equal([recording.x, recording.counted_y], [DRIVE, OUTPUT])
-    basis = basis_of(DRIVE, OUTPUT, states())
+    basis = basis_of(STRUCTURE, DRIVE, OUTPUT, states())
     before = shown(basis)
     basis.P[:], basis.q[:], basis.problem().P[:] = 0.0, 0.0, 0.0
     np.testing.assert_equal(shown(basis), before)
@@ -101,7 +95,7 @@ def test_what_is_handed_out_is_read_only_or_the_callers_own() -> None:
 
 def test_a_recording_keeps_no_arrays_and_a_data_basis_no_states_of_the_caller() -> None:
     state, x = states(), DRIVE.copy()
-    basis, recording = basis_of(DRIVE, OUTPUT, state), Recording.from_arrays(x, x, T)
+    basis, recording = basis_of(STRUCTURE, DRIVE, OUTPUT, state), Recording.from_arrays(x, x, T)
     before = shown(basis)
     state.play[:], x[:] = 5.0, -1.0
     np.testing.assert_equal(shown(basis), before)
@@ -131,7 +125,7 @@ TAKE_VECTORS: dict[str, tuple[Callable[[], Any], Callable[[Any, Any], Any], str]
     "simulate": (lambda: MODEL, lambda model, x: model.simulate(x), "x"),
     "advance": (lambda: MODEL, lambda model, x: model.advance(x, states())[0], "x"),
     "a compensator": (lambda: Compensator(MODEL), lambda one, y: one.run(y), "y_ref"),
-    "a data basis": (lambda: basis_of(DRIVE, OUTPUT, states()), lambda basis, x: basis.update(x, x), "x"),
+    "a data basis": (lambda: basis_of(STRUCTURE, DRIVE, OUTPUT, states()), lambda basis, x: basis.update(x, x), "x"),
     "a learner observes": (lambda: learner_for(PLANT, "continuous"), lambda one, x: one.observe(x, x), "x"),
     "a learner replays": (lambda: learner_for(PLANT), lambda one, y: one.replay(y, y), "y_ref"),
     "a learner runs": (lambda: learner_for(PLANT), lambda one, y: one.run(y, lambda x: x)[1], "y_ref"),
@@ -180,8 +174,7 @@ def test_vectors_may_come_in_every_form_that_means_numbers(what: str, form: str)
     make, call, _ = TAKE_VECTORS[what]
     x = np.round(DRIVE[:N])
     one, other = make(), make()
-    np.testing.assert_equal(call(one, RIGHT[form](x)), call(other, x))
-    np.testing.assert_equal(shown(one), shown(other))
+    np.testing.assert_equal((call(one, RIGHT[form](x)), shown(one)), (call(other, x), shown(other)))
 
 
 BANK = CompensatorBank(STRUCTURE, 8)
@@ -210,7 +203,7 @@ OPTIONS_OF_SIGNALS: dict[str, dict[str, float]] = {
     "multi_sine": {"tones": 0, "highest_Hz": 500.0, "lowest_Hz": 80.0},
     "random_walk": {"bandwidth_Hz": -1.0, "spread_per_root_s": 0.0},
 }
-PROBLEM = basis_of(DRIVE, OUTPUT, states()).problem()
+PROBLEM = basis_of(STRUCTURE, DRIVE, OUTPUT, states()).problem()
 OF: dict[str, tuple[Callable[..., object], tuple[tuple[dict[str, Any], str], ...]]] = {
     "a structure": (
         structure,

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from known_models import structure, true_model
+from known_models import reloaded, structure, true_model
 
 from piezo_model import (
     Compensator,
@@ -293,11 +293,9 @@ def test_a_gain_is_refused_beside_the_lag_that_the_loop_has_whatever_became_of_i
     assert (model.dynamics is None) == bool(choice)
     most = model.require_stable(1.0, inverts=False)
     assert 100.0 < most < 500.0
-    model.save(tmp_path / "model.json")
     bank = CompensatorBank(S, 1, dynamics=model.dynamics)
     bank.set_model(0, model)
-    bank.save(tmp_path / "bank.json")
-    loaded = HysteresisCreepModel.load(tmp_path / "model.json"), *CompensatorBank.load(tmp_path / "bank.json").models
+    loaded = reloaded(model, tmp_path), *reloaded(bank, tmp_path).models
     same = [each.require_stable(1.0, inverts=False) for each in (model, model.static, model.at(5e-4), *loaded)]
     assert same == pytest.approx([most] * 5, rel=0.2)
     with pytest.raises(ModelError, match=r"integral_gain must be below .* with a delay of 3"):

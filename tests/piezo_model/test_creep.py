@@ -57,8 +57,8 @@ def test_a_model_of_one_frequency_has_no_creep_and_holds_at_other_speeds_and_on_
     assert worst(model, STEP) < 1e-9
     report, drive = model.report, model.report["drive"]
     assert {UNDETERMINED} == {*report["findings"]} & {*report["sentences"]} - {*without.report["sentences"]}
-    assert (drive["hysteresis"], drive["creep"]) == (True, False)
-    assert "creep" not in drive["sentence"]  # it is said once
+    # it is said once
+    assert (drive["hysteresis"], drive["creep"], "creep" in drive["sentence"]) == (True, False, False)
 
 
 @pytest.mark.parametrize(("then", "creep"), [(STEP, 0.01), (SLOW, 0.03)], ids=["a held step", "two speeds"])

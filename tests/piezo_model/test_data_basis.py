@@ -31,9 +31,7 @@ def problem_of(
     y = known_models.true_model(s).simulate(x_V, state) + noise * s.y_scale * np.random.default_rng(3).normal(
         size=x.size
     )
-    basis = DataBasis(s, state)
-    basis.update(x_V, y)
-    return basis.problem(reference, proximal=proximal)
+    return known_models.basis_of(s, x_V, y, state).problem(reference, proximal=proximal)
 
 
 def full_drive(amplitude: float = 1.0, size: int = 3000) -> np.ndarray:

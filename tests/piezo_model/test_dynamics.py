@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from known_models import a_drive, structure, true_model
+from known_models import a_drive, reloaded, structure, true_model
 from ringing_stage import T, on_a_spring, recorded, steps, through_modes
 
 from piezo_model import (
@@ -113,8 +113,7 @@ def test_parts_that_begin_while_the_stage_moves_or_rings_are_described_to_their_
 def test_at_another_sampling_period_a_mode_too_fast_is_its_static_gain_and_other_dynamics_stay(tmp_path: Path) -> None:
     model = replace(ringing(), dynamics=Dynamics((4.0, 11.0), (0.02, 0.3), (0.6, 0.3), 3e-3, 4e-3))
     slower = model.at(0.05)
-    slower.save(tmp_path / "slower.json")
-    loaded = HysteresisCreepModel.load(tmp_path / "slower.json")
+    loaded = reloaded(slower, tmp_path)
     assert "only the static gain of the fastest modes" in loaded.warning
     np.testing.assert_array_equal(loaded.simulate(a_drive()), slower.simulate(a_drive()))
     assert (slower.dynamics, slower.left_out) == (Dynamics((4.0,), (0.02,), (0.6,), 3e-3, 4e-3), model.dynamics)

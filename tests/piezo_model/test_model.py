@@ -144,8 +144,7 @@ def test_a_second_after_a_step_creep_has_its_closed_form_at_every_sampling_rate(
     expected = np.outer(1.0 - np.exp(-np.array(s.creep_rates)), np.maximum(0.8 - r, 0.0))
     np.testing.assert_allclose(state.creep.reshape(2, -1)[:, : r.size], expected, atol=1e-12)
     np.testing.assert_allclose(state.play[: r.size], 0.8 - r, atol=1e-12)
-    np.testing.assert_array_equal(same.weights, model.weights)
-    np.testing.assert_array_equal(same.initial_state().creep, start.creep)
+    np.testing.assert_equal((same.weights, same.initial_state().creep), (model.weights, start.creep))
     assert (same.report["sample_time_s"], same.sensor_delay_s) == (5e-3, 0.01)
 
 
@@ -173,8 +172,7 @@ def test_a_saved_model_is_loaded_bit_for_bit_with_its_report(
     replace(case.model, report={"note": "Prüfstand"}).save(folder / "a.json")
     loaded = HysteresisCreepModel.load(folder / "a.json")
     assert (loaded.structure, loaded.report["note"]) == (case.structure, "Prüfstand")
-    np.testing.assert_array_equal(loaded.all_weights, case.model.all_weights)
-    np.testing.assert_array_equal(loaded.simulate(x), case.model.simulate(x))
+    np.testing.assert_equal(*((model.all_weights, model.simulate(x)) for model in (loaded, case.model)))
     loaded.save(folder / "b.json")
     assert (folder / "a.json").read_bytes() == (folder / "b.json").read_bytes()
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from known_models import a_drive, structure, true_model
+from known_models import a_drive, reloaded, structure, true_model
 from plain_stage import THRESHOLDS, Vector, stage
 
 from piezo_model import HysteresisCreepModel, ModelError, Recording, identify
@@ -41,8 +41,7 @@ def test_each_part_begins_in_states_of_its_own_and_the_model_keeps_them(tmp_path
     (later,), rms = model.report["parts"], model.report["fit"]["rms"]
     assert rms < 0.12
     assert (later["first_sample"], later["start"]) == (4000, "searched")
-    model.save(tmp_path / "model.json")
-    loaded = HysteresisCreepModel.load(tmp_path / "model.json")
+    loaded = reloaded(model, tmp_path)
     first, second = (start.play[: model.structure.n + 1] for start in loaded.starts)
     np.testing.assert_array_equal(loaded.starts[0].play, model.start.play)
     assert first.min() < first[0]  # after an ascent
@@ -141,7 +140,6 @@ def test_a_recording_is_that_of_a_model_only_with_its_period_and_its_parts(tmp_p
 def test_a_report_informs_and_nothing_that_runs_depends_on_it(report: dict[str, object], tmp_path: Path) -> None:
     x = a_drive(3000)
     model = replace(true_model(structure()), report=report)
-    model.save(tmp_path / "model.json")
-    loaded = HysteresisCreepModel.load(tmp_path / "model.json")
+    loaded = reloaded(model, tmp_path)
     assert loaded.validate(Recording.from_arrays(x, model.simulate(x), 5e-3)).fit.rms_percent < 1.0
     assert loaded.at(1e-3).require_stable(1.0) == np.inf

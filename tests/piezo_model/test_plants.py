@@ -254,8 +254,7 @@ def added(size=50_000, **options):
 
 def test_the_noise_has_its_standard_deviation_and_is_white():
     m = added(noise_um=0.02, seed=1)
-    assert m.mean() == pytest.approx(0.0, abs=5e-4)
-    assert m.std() == pytest.approx(0.02, rel=0.02)
+    assert (m.mean(), m.std()) == (pytest.approx(0.0, abs=5e-4), pytest.approx(0.02, rel=0.02))
     assert abs(np.corrcoef(m[1:], m[:-1])[0, 1]) < 0.02
 
 

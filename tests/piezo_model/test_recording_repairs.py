@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from plain_stage import stage
 from recording_files import refusal
+from plain_stage import stage
 
 from piezo_model.recordings import Recording, RecordingError, write_table
 
@@ -288,8 +288,9 @@ def test_two_files_are_one_recording(tmp_path: Path) -> None:
     u, y, late, bare, pair, other, sweeps = (str(tmp_path / name) for name in files)
     joined = Recording.open(input=u, output=y)
     assert (joined.input_unit, joined.output_unit, joined.sample_time, joined.remarks) == ("V", "mV", PERIOD, ())
-    np.testing.assert_allclose([joined.x, joined.y], [X, Y], rtol=1e-5)
-    np.testing.assert_allclose(Recording.open(input=u, output=f"{pair}:sensor").y, Y, rtol=1e-5)
+    np.testing.assert_allclose(
+        [joined.x, joined.y, Recording.open(input=u, output=f"{pair}:sensor").y], [X, Y, Y], rtol=1e-5
+    )
     assert Recording.open(input=bare, output=bare, sample_time=1e-3).length == N
     for output, sentence in (
         (late, "have 2000 and 1800 rows, or different times"),

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from command_line import python
 from recording_files import N, X, Y, workbook
-from test_recording_formats import FORMATS, PERIOD, T, made
+from test_recording_formats import FORMATS, PERIOD, T, made, tdms
 
 from piezo_model.recordings import Recording, RecordingError
 from piezo_model.recordings.formats import libraries
@@ -75,8 +75,7 @@ def npz_array(path: Path) -> None:
 
 def tdms_texts(path: Path) -> None:
     """A channel of two texts that states 2⁵⁰."""
-    with nptdms.TdmsWriter(path) as writer:
-        writer.write_segment([nptdms.ChannelObject("Stage", "note", ["ab", "cd"])])
+    tdms([nptdms.ChannelObject("Stage", "note", ["ab", "cd"])])(path)
     content, index = path.read_bytes(), struct.pack("<IIQ", 0x20, 1, 2)
     assert content.count(index) == 1
     path.write_bytes(content.replace(index, struct.pack("<IIQ", 0x20, 1, 2**50)))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from recording_files import N, X, Y, text_file, with_times
 
@@ -262,8 +262,7 @@ def test_clocks_and_dates_in_any_order_are_read_to_the_nanosecond(
 def test_any_dialect_is_detected(
     separator: str, decimal: str, width: int, digits: int, header: bool, units: bool, quote: bool, seed: int
 ) -> None:
-    if (separator == "," == decimal and not quote) or (separator == " " and quote):
-        return
+    assume(not (separator == "," == decimal and not quote) and not (separator == " " and quote))
     text, names = io.StringIO(), [f"signal{k}" for k in range(width)]
     writer = csv.writer(text, delimiter=separator, quoting=csv.QUOTE_ALL if quote else csv.QUOTE_MINIMAL)
     writer.writerows([names] * header + [["V"] * width] * (header and units))
