@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from box_programs import set_up
 from learning_loops import at_work
 from qpsolvers import Problem
 
-import solvers
 from piezo_model import SelfLearningCompensator
 from piezo_model.identification.error_model import ProgramSolver
 from piezo_model.learning.events import Phase
@@ -51,8 +51,7 @@ def test_the_steps_are_those_of_the_difference_equation(ratio: float) -> None:
     core = learner._core
     q, lower, z = (core[name].copy() for name in ("q", "lower", "start"))
     P = core["P"].reshape(q.size, q.size)
-    solver = solvers.get("projected_difference", steps=0, step_ratio=ratio)
-    solver.setup(Problem(P, q, lb=lower))
+    solver = set_up("projected_difference", Problem(P, q, lb=lower), steps=0, step_ratio=ratio)
     solver.solve()
     eta = solver.solution().extras["eta"]
     assert 0.999 <= eta * np.linalg.eigvalsh(P)[-1] / (2.0 * ratio) <= 1.0 + 1e-13

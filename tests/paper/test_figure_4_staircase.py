@@ -27,8 +27,9 @@ def table(figures: Figures, name: str):
 def figures(tmp_path_factory: pytest.TempPathFactory) -> Figures:
     """The experiment in its quick form."""
     folder = tmp_path_factory.mktemp("experiment") / "figures"
-    words = ("--quick", "--seed", 1, "--solver", "box_active_set", "--out", folder)
-    return Figures(folder, run_example("paper/staircase.py", *words))
+    return Figures(
+        folder, run_example("paper/staircase.py", "--quick", "--seed", 1, "--solver", "box_active_set", "--out", folder)
+    )
 
 
 @pytest.mark.parametrize("axis", ["x", "y"])
@@ -93,8 +94,8 @@ def test_an_axis_in_push_pull_is_at_rest_and_point_symmetric_unlike_one_actuator
 
 @pytest.mark.slow
 def test_the_learners_differ_by_their_accuracy_alone_and_too_few_steps_cost_tracking(tmp_path: Path) -> None:
-    words = ("--quick", "--seed", 1, "--solvers", "box_active_set,daqp,scipy_nnls", "--out", tmp_path)
-    said = run_example("paper/learning_accuracy.py", *words)
+    choice = ("--solvers", "box_active_set,daqp,scipy_nnls")
+    said = run_example("paper/learning_accuracy.py", "--quick", "--seed", 1, *choice, "--out", tmp_path)
     t = pd.read_csv(tmp_path / "figures" / "learning_accuracy.csv").set_index(["solver", "setting"])
     exact, paper = t.loc[[("box_active_set", "default"), ("daqp", "tightest")]], t.loc[learning_accuracy.PAPERS]
     assert (exact.cost_gap < 1e-9).all()

@@ -41,7 +41,6 @@ def states() -> OperatorState:
     return OperatorState.settled_at(STRUCTURE, 30.0, "above")
 
 
-TWO = np.column_stack([DRIVE, np.roll(DRIVE, 700)])
 CALLS: dict[str, tuple[Callable[..., Any], tuple[Any, ...]]] = {
     "simulate": (MODEL.simulate, (DRIVE, states())),
     "advance": (MODEL.advance, (DRIVE, states())),
@@ -59,7 +58,7 @@ CALLS: dict[str, tuple[Callable[..., Any], tuple[Any, ...]]] = {
     "replay": (lambda y, before: learner_for(PLANT, "cyclic", build_s=1.0).replay(y, before), (OUTPUT, OUTPUT + 0.1)),
     "observe": (lambda x, y: learner_for(PLANT, "continuous").observe(x, y), (DRIVE, OUTPUT)),
     "run a bank": (lambda y, before: CompensatorBank(STRUCTURE, 8).run(y, before), (np.tile(OUTPUT[:, None], 8),) * 2),
-    "run another bank": (CompensatorBank(STRUCTURE, 2).run, (TWO, TWO)),
+    "run another bank": (CompensatorBank(STRUCTURE, 2).run, (np.column_stack([DRIVE, np.roll(DRIVE, 700)]),) * 2),
     "run a plant": (plants.get("bouc_wen", sample_time=T).run, (DRIVE,)),
     "play": (play, (DRIVE, np.array([5.0, 9.0]), np.array([3.0, 4.0]))),
     "creep": (lambda x, r, a, z: creep(x, r, a, T, z), (DRIVE, np.zeros(2), np.array([5.0, 9.0]), np.zeros(2))),

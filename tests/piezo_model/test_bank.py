@@ -3,6 +3,7 @@
 from functools import partial
 from pathlib import Path
 
+import box_programs
 import numpy as np
 import plain_model
 import pytest
@@ -10,7 +11,6 @@ from command_line import python
 from plain_model import Matrix, Vector
 from qpsolvers import Problem
 
-import solvers
 from piezo_model import (
     Compensator,
     CompensatorBank,
@@ -68,10 +68,9 @@ def optimum(gram: Matrix, before: Vector, noise: Vector, held: Vector) -> Vector
     while np.linalg.eigvalsh((P - (share + 0.02) * np.diag(noise))[np.ix_(free, free)])[0] <= 0.0:
         share *= 0.7
     answer: Vector = held.copy()
-    solver = solvers.get("box_active_set")
     P_free = (P - share * np.diag(noise))[np.ix_(free, free)]
-    solver.setup(Problem(P_free, q[free] + P[np.ix_(free, ~free)] @ held[~free], lb=lb[free]))
-    answer[free] = solver.solve()
+    program = Problem(P_free, q[free] + P[np.ix_(free, ~free)] @ held[~free], lb=lb[free])
+    answer[free] = box_programs.optimum(program)
     return answer
 
 

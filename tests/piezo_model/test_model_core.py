@@ -1,6 +1,5 @@
 """The C core of compensators: lanes of a bank beside single ones, damaged memories, and threads."""
 
-import copy
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -112,7 +111,7 @@ def restored_or_refused(kind: str) -> tuple[int, int]:
     run(y, 0.9 * y)
     good = one.get_state()
     for _ in range(200):
-        damaged = copy.deepcopy(good)
+        damaged = one.get_state()
         core = damaged.get("learning", damaged)["core"]
         for _ in range(int(random.integers(1, 4))):
             first = 8 * int(random.integers(0, (600 if random.random() < 0.5 else core.size) // 8))

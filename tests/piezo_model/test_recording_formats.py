@@ -117,8 +117,8 @@ def mat_7_3(path: Path) -> None:
         file["#refs#/a"], file["#refs#/b"] = T[:3], T[:5]  # a cell array of unlike lengths
         file["notes"] = np.array([file[f"#refs#/{name}"].ref for name in "ab"], h5py.ref_dtype)
         file["notes"].attrs["MATLAB_class"] = np.bytes_("cell")
-    with path.open("r+b") as file:
-        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+    head = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM"
+    path.write_bytes(head + path.read_bytes()[len(head) :])
 
 
 def excel(path: Path) -> None:

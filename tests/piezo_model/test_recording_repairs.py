@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from recording_files import refusal
 from plain_stage import stage
+from recording_files import refusal
 
 from piezo_model.recordings import Recording, RecordingError, write_table
 

@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 from command_line import contents
 from programs import real_recording
-from recording_files import HEADER, ROWS, lines_of, refusal, signals, text_file, without_privileges
+from recording_files import HEADER, ROWS, refusal, signals, text_file, without_privileges
 
 from piezo_model.recordings import Recording, RecordingError, read_reference, write_table
 from piezo_model.units import UnitError
@@ -173,12 +173,9 @@ def test_a_missing_or_an_empty_file_a_folder_and_a_pipe_are_refused(
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet", ".xlsx", ".log", ""])
-def test_the_content_tells_the_format_and_not_the_suffix(tmp_path: Path, suffix: str) -> None:
-    write_table(tmp_path / "stage.parquet", signals())
-    text_file(tmp_path, HEADER, *lines_of(*signals().values()))
-    for name in ("stage.parquet", "stage.csv"):
-        path = (tmp_path / name).rename(tmp_path / f"other{suffix}")
-        np.testing.assert_array_equal(Recording.open(path).counted_y, signals()["displacement_um"])
+def test_the_content_tells_the_format_and_not_the_suffix(stage: Path, suffix: str) -> None:
+    path = stage.rename(stage.parent / f"other{suffix}")
+    np.testing.assert_array_equal(Recording.open(path).counted_y, signals()["displacement_um"])
 
 
 @pytest.mark.parametrize(
