@@ -94,5 +94,7 @@ def test_the_fit_is_that_of_identify(recording: tuple[np.ndarray, np.ndarray]) -
 def test_the_chosen_column_is_the_drive(recording: tuple[np.ndarray, np.ndarray]) -> None:
     X, y = recording
     table = np.hstack([np.arange(y.size)[:, None] * SAMPLE_TIME, X])
-    found = HysteresisRegressor(column=1, sample_time=SAMPLE_TIME).fit(table, y).predict(table)
-    np.testing.assert_array_equal(found, HysteresisRegressor(sample_time=SAMPLE_TIME).fit(X, y).predict(X))
+    np.testing.assert_array_equal(
+        HysteresisRegressor(column=1, sample_time=SAMPLE_TIME).fit(table, y).predict(table),
+        HysteresisRegressor(sample_time=SAMPLE_TIME).fit(X, y).predict(X),
+    )

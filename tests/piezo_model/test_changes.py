@@ -295,9 +295,8 @@ def test_a_gain_is_refused_beside_the_lag_that_the_loop_has_whatever_became_of_i
     assert 100.0 < most < 500.0
     bank = CompensatorBank(S, 1, dynamics=model.dynamics)
     bank.set_model(0, model)
-    loaded = reloaded(model, tmp_path), *reloaded(bank, tmp_path).models
-    same = [each.require_stable(1.0, inverts=False) for each in (model, model.static, model.at(5e-4), *loaded)]
-    assert same == pytest.approx([most] * 5, rel=0.2)
+    same = (model, model.static, model.at(5e-4), reloaded(model, tmp_path), *reloaded(bank, tmp_path).models)
+    assert [each.require_stable(1.0, inverts=False) for each in same] == pytest.approx([most] * 5, rel=0.2)
     with pytest.raises(ModelError, match=r"integral_gain must be below .* with a delay of 3"):
         Compensator(model, integral_gain=1.1 * most, dynamics=False)
     fits = Compensator(model, integral_gain=0.5 * most, dynamics=False)

@@ -44,15 +44,11 @@ def test_a_reference_that_is_not_finite_holds_the_drive(bad: float, case: Case, 
     np.testing.assert_allclose(case.model.simulate(x, case.state)[others], y_ref[others], rtol=0, atol=case.y_tolerance)
 
 
-@pytest.fixture
-def model() -> HysteresisCreepModel:
-    structure = ModelStructure.equidistant(
-        n=2, m=1, x_range=(0, 100), y_range=(-10, 10), creep_rates=(1.0,), sample_time=1e-3
-    )
-    return HysteresisCreepModel.from_weights(structure, structure.straight_line)
+RANGED = ModelStructure.equidistant(n=2, m=1, x_range=(0, 100), y_range=(-10, 10), creep_rates=(1.0,), sample_time=1e-3)
+LINE = HysteresisCreepModel.from_weights(RANGED, RANGED.straight_line)
 
 
-def first_drives(model: HysteresisCreepModel, y_ref: float, **start: float | None) -> list[float]:
+def first_drives(y_ref: float, model: HysteresisCreepModel = LINE, **start: float | None) -> list[float]:
     """The first drive of everything that drives, at a rate limit of 0.1 V a sample."""
     s, limits = model.structure, {"rate_limit": 100.0, **start}
     return [
@@ -66,22 +62,22 @@ def first_drives(model: HysteresisCreepModel, y_ref: float, **start: float | Non
 
 @pytest.mark.parametrize(("start", "at"), [({}, 0.0), ({"x_start": 40.0}, 40.0), ({"x_limits": (3.0, 90.0)}, 3.0)])
 def test_the_first_drive_is_a_step_of_the_rate_limit_away_from_where_the_stage_is(
-    model: HysteresisCreepModel, start: dict[str, float], at: float
+    start: dict[str, float], at: float
 ) -> None:
-    np.testing.assert_allclose(first_drives(model, 9.0, **start), at + 0.1, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(first_drives(model, np.nan, **start), at, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(first_drives(9.0, **start), at + 0.1, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(first_drives(np.nan, **start), at, rtol=0, atol=1e-12)
 
 
-def test_without_limits_given_the_drive_stays_within_the_range_of_the_model(model: HysteresisCreepModel) -> None:
-    assert Compensator(model).run([-50.0, 50.0]).tolist() == list(model.structure.x_range)
+def test_without_limits_given_the_drive_stays_within_the_range_of_the_model() -> None:
+    assert Compensator(LINE).run([-50.0, 50.0]).tolist() == list(RANGED.x_range)
 
 
 @pytest.mark.parametrize("x_start", [-20.0, 115.012345])
 def test_a_stage_may_rest_at_either_end_of_a_range_that_centre_and_scale_round(
-    model: HysteresisCreepModel, x_start: float
+    x_start: float,
 ) -> None:
-    wider = replace(model, structure=replace(model.structure, x_centre=47.5061725, x_scale=67.50617249999999))
-    assert first_drives(wider, np.nan, x_start=x_start) == pytest.approx([x_start] * 7, rel=1e-12)
+    wider = replace(LINE, structure=replace(RANGED, x_centre=47.5061725, x_scale=67.50617249999999))
+    assert first_drives(np.nan, wider, x_start=x_start) == pytest.approx([x_start] * 7, rel=1e-12)
 
 
 @settings(max_examples=60)
@@ -111,8 +107,7 @@ def test_after_a_spoiled_reference_the_model_is_met_again_at_once(case: Case) ->
     s = case.structure
     good = case.model.simulate(s.x_centre + 0.5 * s.x_scale * drive(case.rng, 60), case.state)
     y_ref = np.concatenate([spoiled(good, float(good.min()), float(good.max()) + 1e-9, 1, 20), good])
-    compensator = Compensator(case.model, (s.x_centre - 3 * s.x_scale, s.x_centre + 3 * s.x_scale), state=case.state)
-    x = compensator.run(y_ref)
+    x = Compensator(case.model, (s.x_centre - 3 * s.x_scale, s.x_centre + 3 * s.x_scale), state=case.state).run(y_ref)
     y = case.model.simulate(x, case.state)
     free = (np.abs(x - s.x_centre) < 2.999 * s.x_scale) & (np.arange(x.size) >= 60)
     np.testing.assert_allclose(

@@ -66,8 +66,11 @@ def test_a_step_held_for_a_minute_and_two_speeds_determine_creep(then: Vector, c
     made = of_stage(np.concatenate([triangle(TIME / 2), then]), creep=creep)
     model, without = (identify(made, creep_rates=rates) for rates in (None, ()))
     assert model.structure.creep_rates
-    assert model.report["drive"]["creep"]
-    assert (model.report["creep"]["determined"], model.report["creep"]["sentence"]) == (True, "")
+    assert (
+        model.report["drive"]["creep"],
+        model.report["creep"]["determined"],
+        model.report["creep"]["sentence"],
+    ) == (True, True, "")
     assert "shows creep, which the model does not include" in without.report["creep"]["sentence"]
     assert worst(model, STEP, creep) < 0.5 * worst(without, STEP, creep)
 

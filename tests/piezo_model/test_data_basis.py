@@ -72,8 +72,8 @@ def test_the_report_names_exactly_the_thresholds_that_the_drive_did_not_reach(am
 
 
 def test_a_monotone_drive_from_a_known_state_reaches_the_operators_that_it_moves() -> None:
-    problem = problem_of(structure(creep_rates=()), np.linspace(0.0, 0.7, 500))
-    assert unreached(problem) & {"w_H1", "w_H2", "w_H3", "w_H4"} == {"w_H4"}
+    names = unreached(problem_of(structure(creep_rates=()), np.linspace(0.0, 0.7, 500)))
+    assert names & {"w_H1", "w_H2", "w_H3", "w_H4"} == {"w_H4"}
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.05])

@@ -88,8 +88,7 @@ def test_each_lane_drives_and_learns_like_a_single_compensator_of_its_dynamics_t
         assert {name: counts[i] for name, counts in bank.counts.items()} == {
             name: single._memory[name] for name in bank.counts
         }
-        assert (single.counts["hand_overs"] > 5) == (i != REVERSED)
-        assert (single.counts["reversed"] > 0) == (i == REVERSED)
+        assert (single.counts["hand_overs"] > 5, single.counts["reversed"] > 0) == (i != REVERSED, i == REVERSED)
         assert (single._memory["faults"] > 0) == (faulty and i % 2 == 1)
     bank.remove(2)
     assert [model.dynamics for model in bank.models] == [model.dynamics for model in models[:2] + models[3:]]

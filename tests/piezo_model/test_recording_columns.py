@@ -79,8 +79,7 @@ def test_names_beyond_ascii_are_read_and_written(tmp_path: Path, suffix: str) ->
     names = ["Zeit_s", "Spannung, gestellt_V", "変位_µm"]
     write_table(path, dict(zip(names, signals().values(), strict=True)))
     recording = Recording.open(path, input=names[1], output="変位_μm")  # the other of the two letters for micro
-    assert list(recording.columns.values()) == names
-    assert (recording.input_unit, recording.output_unit) == ("V", "um")
+    assert (*recording.columns.values(), recording.input_unit, recording.output_unit) == (*names, "V", "um")
     np.testing.assert_array_equal(recording.counted_y, signals()["displacement_um"])
 
 

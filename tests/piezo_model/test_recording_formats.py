@@ -246,8 +246,7 @@ def test_every_format_gives_the_clean_arrays_and_the_units_that_it_keeps(tmp_pat
     found = np.array([recording.x, recording.counted_y])
     # files of Excel keep sixteen digits
     np.testing.assert_array_equal(np.round(found, 9) if name.startswith("Excel") else found, [X, Y])
-    assert recording.sample_time == pytest.approx(PERIOD, rel=1e-12)
-    assert recording.columns == columns
+    assert (recording.sample_time, recording.columns) == (pytest.approx(PERIOD, rel=1e-12), columns)
     if name in ("NeXus", "Excel", "TDMS waveform", "MAT 5 struct"):
         assert (recording.input_unit, recording.output_unit, "µm" in recording.describe()) == ("V", "um", True)
 

@@ -203,7 +203,6 @@ LADDER = 'its ladder goes from {"tolerance": 0.001} to {"tolerance": 1e-13}'
 ACCELERATED, STEPPED = "accelerated_projection", "projected_difference"
 CORE, OPTIONS = ("state", "learning", "core"), ("settings", "solver_options")
 ANOTHER_CORE = "the state of the core is that of another structure"
-OF_MORE_THRESHOLDS = SelfLearningCompensator(structure_for(sensor(), n=6), solver="box_active_set")
 
 
 # 1e-6 is written 1e-06
@@ -244,7 +243,7 @@ OF_MORE_THRESHOLDS = SelfLearningCompensator(structure_for(sensor(), n=6), solve
             for core in (
                 np.zeros(3),
                 fresh().get_state()["learning"]["core"][:-8],
-                OF_MORE_THRESHOLDS.get_state()["learning"]["core"],
+                learner_for(sensor(), n=6).get_state()["learning"]["core"],
             )
         ),
         *(

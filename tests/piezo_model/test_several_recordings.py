@@ -22,7 +22,6 @@ from piezo_model.units import UnitError
 SLOW, FAST = 0.05, 5e-4
 PERIODS = {"slow": SLOW, "fast": FAST}
 STATIC = ModelStructure.equidistant(8, 1, (0.0, 100.0), (0.0, 50.0), 10.0 ** np.arange(2, -4, -1), FAST, offset=True)
-MODE = Dynamics((120.0,), (0.04,), (1.0,), 0.8 * FAST)
 
 
 STAGE = HysteresisCreepModel.from_weights(STATIC, [*[0.06] * 8, 0.05, 1.4, -0.04, 0.03, *[0.0] * 9])
@@ -44,7 +43,7 @@ def recorded(kind: str, seed: int = 0, noise: float = 3e-4) -> Recording:
     x = drive(kind, seed)
     y = STAGE.at(PERIODS[kind]).simulate(x, OperatorState.before_drive(STATIC))
     if kind == "fast":
-        y = MODE.filter(y, FAST, float(y[0]))
+        y = Dynamics((120.0,), (0.04,), (1.0,), 0.8 * FAST).filter(y, FAST, float(y[0]))
     y += noise * np.ptp(y) * np.random.default_rng(100 + seed).normal(size=y.size)
     return Recording.from_arrays(x, y, PERIODS[kind], input_unit="V", output_unit="um", name=kind)
 
