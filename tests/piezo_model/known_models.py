@@ -36,7 +36,7 @@ def a_drive(size: int = 6000, fine: int = 1) -> np.ndarray:
     return 50 + 30 * np.sin(t / 40) + 20 * np.sin(t / 131 + 1)
 
 
-def basis_of(s: ModelStructure, x: np.ndarray, y: np.ndarray, state: OperatorState) -> DataBasis:
+def basis_of(s: ModelStructure, x: np.ndarray, y: np.ndarray, state: OperatorState | None = None) -> DataBasis:
     """The data basis of one recording."""
     basis = DataBasis(s, state)
     basis.update(x, y)

@@ -174,9 +174,7 @@ SMALL = ModelStructure.equidistant(n=2, m=1, x_range=(-1, 1), y_range=(-1, 1), c
 def test_bad_samples_are_refused_in_one_sentence_and_nothing_is_taken(
     x: list, y: list, sentence: str, count: bool
 ) -> None:
-    basis, other = DataBasis(SMALL), DataBasis(SMALL)
-    for each in (basis, other):
-        each.update([0.3, 0.9], [0.1, 0.2])
+    basis, other = (known_models.basis_of(SMALL, [0.3, 0.9], [0.1, 0.2]) for _ in range(2))
     with pytest.raises(ValueError, match=sentence):
         basis.update(x, y, count=count)
     np.testing.assert_equal((basis.P, basis.state.play), (other.P, other.state.play))

@@ -375,8 +375,9 @@ def test_a_resonance_that_hardly_moves_is_kept_and_said_to_and_one_that_does_not
 
 
 def with_three_modes(drive: str, gains: tuple[float, float, float], noise_um: float) -> Recording:
-    three = zip((180.0, 430.0, 800.0), (0.01, 0.01, 0.02), gains, strict=True)
-    return made("maxwell_slip", drive, tuple(three), noise_um)
+    return made(
+        "maxwell_slip", drive, tuple(zip((180.0, 430.0, 800.0), (0.01, 0.01, 0.02), gains, strict=True)), noise_um
+    )
 
 
 MOVES = r"the resonance moves from \d+\.?\d* to \d+\.?\d* Hz with the ampl"

@@ -27,7 +27,6 @@ from piezo_model.learning.events import REVERSED
 NAMES = plants.names()
 SECONDS = 8
 TIME = np.arange(SECONDS * 1000) * T
-PHASES = {"reset_s": 0.1, "build_s": 2.0, "learn_s": 0.5, "hand_over_s": 0.02, "solve_delay_samples": 5}
 
 
 def structure_of(name: str, negative_gain: bool = False) -> ModelStructure:
@@ -57,7 +56,12 @@ def wanted(name: str, shape: Vector) -> Vector:
 
 
 def learner_of(structure: ModelStructure, mode: str, solver: str = "box_active_set", **options: Any) -> Any:
-    return SelfLearningCompensator(structure, solver=solver, mode=mode, **{**PHASES, **options})  # type: ignore[arg-type]
+    return SelfLearningCompensator(
+        structure,
+        solver=solver,
+        mode=mode,  # type: ignore[arg-type]
+        **{"reset_s": 0.1, "build_s": 2.0, "learn_s": 0.5, "hand_over_s": 0.02, "solve_delay_samples": 5, **options},
+    )
 
 
 def said(learner: SelfLearningCompensator) -> list[str]:
