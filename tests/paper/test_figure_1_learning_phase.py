@@ -45,13 +45,13 @@ def test_a_solver_of_steps_takes_one_a_sample_and_comes_to_the_exact_answer() ->
     assert costs[-1] - exact < 0.05 * (costs[0] - exact)
 
 
-@pytest.mark.parametrize("ratio", [0.5, 0.25])
-def test_the_steps_are_those_of_the_difference_equation(ratio: float) -> None:
-    learner = learning("projected_difference", 0.3, solver_options={"step_ratio": ratio})
+@pytest.mark.parametrize(("options", "ratio"), [({}, 0.5), ({"step_ratio": 0.25}, 0.25)])
+def test_the_steps_are_those_of_the_difference_equation(options: dict[str, float], ratio: float) -> None:
+    learner = learning("projected_difference", 0.3, solver_options=options)
     core = learner._core
     q, lower, z = (core[name].copy() for name in ("q", "lower", "start"))
     P = core["P"].reshape(q.size, q.size)
-    solver = set_up("projected_difference", Problem(P, q, lb=lower), steps=0, step_ratio=ratio)
+    solver = set_up("projected_difference", Problem(P, q, lb=lower), steps=0, **options)
     solver.solve()
     eta = solver.solution().extras["eta"]
     assert 0.999 <= eta * np.linalg.eigvalsh(P)[-1] / (2.0 * ratio) <= 1.0 + 1e-13

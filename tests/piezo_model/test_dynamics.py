@@ -397,7 +397,16 @@ A_THIRD = r"the output also rings near (43.|80.) Hz, by [01][.]\d+ % of"
         (partial(moving, 0.05, "duhem", with_position=True), MOVES),
         (partial(moving, 0.05, "duhem"), MOVES),
     ],
-    ids=range(8),
+    ids=[
+        "softer with amplitude",
+        "harder with position",
+        "a third in steps",
+        "a third in bits",
+        "harder with amplitude",
+        "Duhem, softer",
+        "Duhem, with position",
+        "Duhem, harder",
+    ],
 )
 def test_a_resonance_that_moves_with_amplitude_or_position_and_a_third_one_are_refused_with_their_frequencies(
     record: Callable[[], Recording], sentence: str
