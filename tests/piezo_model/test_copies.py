@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from known_models import reloaded
 from learning_loops import MODEL, MODES, PLANT, STRUCTURE, T, learner_for, sensor
 
 from piezo_model import (
@@ -196,11 +197,10 @@ def test_numbers_of_numpy_are_saved_and_loaded(
     make: Callable[..., Any], options: dict[str, Any], tmp_path: Path
 ) -> None:
     one = make(**options)
-    one.save(tmp_path / "file")
-    other = type(one).load(tmp_path / "file")
+    other = reloaded(one, tmp_path)
     other.save(tmp_path / "again")
     if make is not bank:
-        assert (tmp_path / "again").read_text() == (tmp_path / "file").read_text()
+        assert (tmp_path / "again").read_text() == (tmp_path / "saved").read_text()
     else:
         np.testing.assert_equal(other.get_state(), one.get_state())
         assert other.settings == one.settings
@@ -208,8 +208,7 @@ def test_numbers_of_numpy_are_saved_and_loaded(
 
 def test_arrays_and_infinite_numbers_of_a_report_return_as_they_were(tmp_path: Path) -> None:
     report = {"curve": np.arange(3.0), "gap": -np.inf, "lag": np.nan}
-    model(report=report).save(tmp_path / "model.json")
-    np.testing.assert_equal(dict(HysteresisCreepModel.load(tmp_path / "model.json").report), report)
+    np.testing.assert_equal(dict(reloaded(model(report=report), tmp_path).report), report)
 
 
 @pytest.mark.parametrize(

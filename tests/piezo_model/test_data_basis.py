@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from known_models import basis_of, true_model, undisplaced
 from random_models import Case, cases
 
 from piezo_model import DataBasis, IdentificationProblem, ModelStructure
@@ -26,12 +27,10 @@ def problem_of(
     reference: np.ndarray | None = None,
     proximal: float = 1e-10,
 ) -> IdentificationProblem:
-    """Problem of a drive in normalised units, answered by :func:`known_models.true_model`."""
-    x_V, state = s.x_centre + s.x_scale * x, known_models.undisplaced(s, rest)
-    y = known_models.true_model(s).simulate(x_V, state) + noise * s.y_scale * np.random.default_rng(3).normal(
-        size=x.size
-    )
-    return known_models.basis_of(s, x_V, y, state).problem(reference, proximal=proximal)
+    """Problem of a drive in normalised units, answered by :func:`true_model`."""
+    x_V, state = s.x_centre + s.x_scale * x, undisplaced(s, rest)
+    y = true_model(s).simulate(x_V, state) + noise * s.y_scale * np.random.default_rng(3).normal(size=x.size)
+    return basis_of(s, x_V, y, state).problem(reference, proximal=proximal)
 
 
 def full_drive(amplitude: float = 1.0, size: int = 3000) -> np.ndarray:
@@ -59,9 +58,7 @@ def unreached(problem: IdentificationProblem) -> set[str]:
 def test_the_report_names_exactly_the_thresholds_that_the_drive_did_not_reach(amplitude: float, rest: float) -> None:
     s = structure()
     x = rest + full_drive(amplitude) / np.max(np.abs(full_drive()))
-    y = s.unit_output(
-        known_models.true_model(s).simulate(s.x_centre + s.x_scale * x, known_models.undisplaced(s, rest))
-    )
+    y = s.unit_output(true_model(s).simulate(s.x_centre + s.x_scale * x, undisplaced(s, rest)))
     expected = {f"w_{letter}{i}" for letter in "HK" for i, r in enumerate((0.0, *s.play_thresholds)) if r > amplitude}
     expected |= {
         name
@@ -174,7 +171,7 @@ SMALL = ModelStructure.equidistant(n=2, m=1, x_range=(-1, 1), y_range=(-1, 1), c
 def test_bad_samples_are_refused_in_one_sentence_and_nothing_is_taken(
     x: list, y: list, sentence: str, count: bool
 ) -> None:
-    basis, other = (known_models.basis_of(SMALL, [0.3, 0.9], [0.1, 0.2]) for _ in range(2))
+    basis, other = (basis_of(SMALL, [0.3, 0.9], [0.1, 0.2]) for _ in range(2))
     with pytest.raises(ValueError, match=sentence):
         basis.update(x, y, count=count)
     np.testing.assert_equal((basis.P, basis.state.play), (other.P, other.state.play))

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from command_line import python
 from recording_files import N, X, Y, workbook
-from test_recording_formats import FORMATS, PERIOD, T, made, tdms
+from test_recording_formats import FORMATS, PERIOD, T, hdf5, made, tdms
 
 from piezo_model.recordings import Recording, RecordingError
 from piezo_model.recordings.formats import libraries
@@ -23,7 +23,7 @@ from piezo_model.recordings.formats import libraries
 HUGE = 10**12
 
 
-def hdf5(*, chunks: Any = True, maxshape: Any = None, **shapes: Any) -> Callable[[Path], None]:
+def empty_hdf5(*, chunks: Any = True, maxshape: Any = None, **shapes: Any) -> Callable[[Path], None]:
     """Compressed datasets without any chunk."""
 
     def write(path: Path) -> None:
@@ -97,11 +97,11 @@ def long_text(path: Path) -> None:
 
 MORE = "states that its values take more than 0.268 GB, the most that is read at once"
 HOSTILE: dict[str, tuple[Callable[[Path], Any], str]] = {
-    "HDF5": (hdf5(time=HUGE, voltage=HUGE, displacement=HUGE), MORE),
-    "HDF5 batch": (hdf5(time=10**6, voltage=(10**6, 1000), displacement=(10**6, 1000)), MORE),
-    "HDF5 of columns": (hdf5(data=(10**6, 10**6)), "columns, more than the limit of 10000"),
+    "HDF5": (empty_hdf5(time=HUGE, voltage=HUGE, displacement=HUGE), MORE),
+    "HDF5 batch": (empty_hdf5(time=10**6, voltage=(10**6, 1000), displacement=(10**6, 1000)), MORE),
+    "HDF5 of columns": (empty_hdf5(data=(10**6, 10**6)), "columns, more than the limit of 10000"),
     "HDF5 of a chunk": (
-        hdf5(chunks=(2**29 - 1,), maxshape=(None,), time=(N,), voltage=(N,), displacement=(N,)),
+        empty_hdf5(chunks=(2**29 - 1,), maxshape=(None,), time=(N,), voltage=(N,), displacement=(N,)),
         MORE,
     ),
     "MAT 5 compressed": (lambda path: mat_5(zeros_bomb((1, 37_500_000)))(path), MORE),
@@ -164,10 +164,8 @@ def test_of_a_large_file_the_arrays_that_are_wanted_are_read(
 
 
 def test_a_batch_that_is_read_when_it_is_wanted_is_a_batch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with h5py.File(tmp_path / "stage.h5", "w") as file:
-        file["time"] = T[:1000]
-        for name, values in (("voltage", X), ("displacement", Y)):
-            file[name] = np.stack([values[:1000], values[:1000], values[:1000]])
+    x, y = (np.tile(values[:1000], (3, 1)) for values in (X, Y))
+    hdf5({"time": T[:1000], "voltage": x, "displacement": y})(tmp_path / "stage.h5")
     small = Recording.open(tmp_path / "stage.h5")
     assert "a batch of 3 recordings of 1000 samples" in small.describe()
     monkeypatch.setattr(libraries, "AT_ONCE", 0)

@@ -373,8 +373,7 @@ def test_missing_samples_only_make_the_phases_longer() -> None:
 def test_new_weights_from_a_drive_that_hardly_moves_are_refused() -> None:
     plant = sensor()
     learner = learner_for(plant, build_s=1.0)
-    learner.run(np.linspace(-20.0, 0.0, 300), plant.run)
-    learner.run(np.full(3000, 0.0), plant.run)
+    learner.run(np.r_[np.linspace(-20.0, 0.0, 300), np.zeros(3000)], plant.run)
     assert learner.counts["hand_overs"] <= 1
     assert "of its range only, and 2 % are needed" in learner.log[-1].message
 
