@@ -330,6 +330,20 @@ def test_no_resonance_is_found_where_there_is_none(kind: str, drive: str, noise_
     assert "resonance" not in " ".join(model.report["sentences"])
 
 
+@pytest.mark.parametrize(("kind", "samples"), [("duhem", 4.162), ("relay_preisach", 3.233), ("bouc_wen", 3.774)])
+def test_a_sine_of_few_samples_a_period_has_a_model_for_slow_sines_without_a_resonance(
+    kind: str, samples: float
+) -> None:
+    def sine(period: float) -> Recording:
+        x = 75.0 + 75.0 * np.sin(2.0 * np.pi / period * np.arange(3000))
+        y = plants.get(kind, sample_time=1e-3, creep_share=0.0).run(x)
+        return Recording.from_arrays(x, y + 0.04 * np.random.default_rng(0).normal(size=x.size), 1e-3)
+
+    model = identify(sine(samples))
+    assert model.dynamics is None
+    assert model.validate(sine(200.0)).fit.rms_percent < 1.0
+
+
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("seed", [21, 22, 7, 27])
 def test_a_backlash_whose_corners_look_like_a_resonance_has_a_model_without_one(seed: int) -> None:
@@ -444,6 +458,13 @@ def test_a_faint_resonance_is_named_with_what_to_record() -> None:
     model = identify(made("relay_preisach", "triangle", ((300.0, 0.1, 1.0),), 0.05, size=SIZE // 4), force=True)
     assert model.dynamics.frequencies_Hz == ()  # a delay stands for it
     assert any("record steps of 20 ms to determine it" in sentence for sentence in model.report["findings"])
+
+
+def test_known_dynamics_that_are_worse_than_a_line_are_refused() -> None:
+    x = 75.0 + 75.0 * np.sin(2.0 * np.pi / 4.162 * np.arange(3000))
+    fast = Recording.from_arrays(x, plants.get("duhem", sample_time=1e-3, creep_share=0.0).run(x), 1e-3)
+    with pytest.raises(IdentificationError, match="this model is no better"):
+        identify(fast, dynamics=Dynamics((144.0,), (0.012,), (1.0,), 8e-4))
 
 
 def test_known_dynamics_stay_as_they_are() -> None:
