@@ -143,7 +143,7 @@ class Adapter(Solver):
 
     def remember(self, P: Matrix | None, q: Vector, x: Vector) -> None:
         """Keep the last data and answer of the loop."""
-        self.program.set_data(P, q, copy=True)
+        self.program.set_data(P, q)
         self.x = x.copy()
 
     def time_kernel(
@@ -193,9 +193,6 @@ class LibrarySolver(Adapter):
     lane = Lane.DIRECT
     library: ClassVar[Backend]
     """By default, the entry of the file's name in :data:`solvers.backend.DIRECT`."""
-    copies_data: ClassVar[bool] = False
-    """Whether the library copies new data in ``pass_data``; then it gets the caller's arrays themselves, and only
-    ``solution`` refers to them later."""
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -226,7 +223,7 @@ class LibrarySolver(Adapter):
 
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
         """Pass P (d, d) and q (d,) on, of any strides; if the library refuses them, it must be set up again."""
-        self._begin(Program.set_data, P, q, not self.copies_data)
+        self._begin(Program.set_data, P, q)
         self._verdict = UNSOLVED
         if P is not None or q is not None:  # Clarabel panics at an update of nothing
             self.pass_data(None if P is None else self.program.P, None if q is None else self.program.q)

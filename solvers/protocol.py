@@ -160,8 +160,8 @@ class Solver(ABC):
 
     @abstractmethod
     def update(self, P: Matrix | None = None, q: Vector | None = None) -> None:
-        """Take new data of the same structure; None for data that stay. ``solve`` does not depend on later changes of
-        the arrays, though ``solution`` of a library's adapter may."""
+        """Take new data of the same structure; None for data that stay. Later changes of the arrays change no
+        answer."""
 
     @abstractmethod
     def solve(self, warm_start: Vector | None = None) -> Vector:

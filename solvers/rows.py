@@ -30,7 +30,7 @@ Index = NDArray[np.int32]
 
 
 class Program:
-    """The arrays of a problem, checked and contiguous: at first copies, so that a library may keep pointers to them.
+    """The arrays of a problem, checked, contiguous and copies, so that a library may keep pointers to them.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class Program:
         self.P, self.q = dense(problem)
         self.d = d = self.q.size
         lb, ub = box(problem)
-        check_status(CROSSED if np.any(lb > ub) else bindings.check_data(self.q, self.P, None))
+        check_status(CROSSED if np.any(lb > ub) else bindings.check_all(self.P[None], self.q[None]))
         A, b = dense_rows(problem, "A", "b")
         G, h = dense_rows(problem, "G", "h", np.inf)
         self._finite: Mask = h < np.inf  # the other rows of G are no constraints
@@ -83,9 +83,8 @@ class Program:
         """The sparsity pattern of the upper triangle of P."""
         return Triangle(self.d)
 
-    def set_data(self, P: Matrix | None, q: Vector | None, copy: bool) -> None:
-        """Take new P (d, d) and q (d,), None for data that stay, by copying them into this program's arrays, which stay
-        in place, or by keeping arrays that are contiguous doubles themselves.
+    def set_data(self, P: Matrix | None, q: Vector | None) -> None:
+        """Copy new P (d, d) and q (d,), None for data that stay, into this program's arrays, which stay in place.
 
         Raises
         ------
@@ -93,13 +92,11 @@ class Program:
             An array has another shape, is not of finite real numbers or, of P, not symmetric; then nothing is taken.
         """
         try:
-            status = bindings.copy_data(self.P, self.q, P, q) if copy else bindings.check_data(self.q, P, q)
+            status = bindings.copy_data(self.P, self.q, P, q)
         except (TypeError, ValueError, BufferError):  # arrays of other types and layouts are converted
-            return self.set_data(*self.shaped(P, q), copy)
+            return self.set_data(*self.shaped(P, q))
         if status:
             check_status(status, P=P, q=q)
-        if not copy:
-            self.P, self.q = self.P if P is None else P, self.q if q is None else q
 
     def shaped(self, P: ArrayLike | None, q: ArrayLike | None) -> tuple[Matrix | None, Vector | None]:
         """P (d, d) and q (d,) as contiguous doubles, None for data that stay; ValueError for another shape or type."""

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import compile_core
-from setuptools import build_meta
 from setuptools.build_meta import *  # noqa: F403 (the hooks that stay as they are)
 from setuptools.command.build_ext import build_ext
 
@@ -46,7 +45,8 @@ def _libraries() -> list[Path]:
     ]
 
 
-def _compiler() -> list[str]:
+def get_requires_for_build_wheel(config_settings: dict[str, Any] | None = None) -> list[str]:
+    """A compiler if there is none."""
     try:
         compile_core.compiler()
     except compile_core.NoCompiler:
@@ -54,11 +54,4 @@ def _compiler() -> list[str]:
     return []
 
 
-def get_requires_for_build_wheel(config_settings: dict[str, Any] | None = None) -> list[str]:
-    """The requirements of setuptools, and a compiler if there is none."""
-    return [*build_meta.get_requires_for_build_wheel(config_settings), *_compiler()]
-
-
-def get_requires_for_build_editable(config_settings: dict[str, Any] | None = None) -> list[str]:
-    """The same."""
-    return [*build_meta.get_requires_for_build_editable(config_settings), *_compiler()]
+get_requires_for_build_editable = get_requires_for_build_wheel

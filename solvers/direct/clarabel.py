@@ -20,7 +20,6 @@ from solvers.adapter import Cones, LibrarySolver, Matrix, Program, Report, Vecto
 class Clarabel(LibrarySolver):
     """The library's ``DefaultSolver``."""
 
-    copies_data = True
     form = Cones
 
     def build(self, p: Program, rows: Cones) -> None:
@@ -32,10 +31,8 @@ class Clarabel(LibrarySolver):
         self._solver = clarabel.DefaultSolver(P, p.q, csc_matrix(rows.R), rows.r, cones, settings)
 
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
-        new = {} if P is None else {"P": self.program.triangle.values(P)}
-        if q is not None:
-            new["q"] = q
-        self._solver.update(**new)
+        data = {"P": None if P is None else self.program.triangle.values(P), "q": q}
+        self._solver.update(**{name: new for name, new in data.items() if new is not None})
 
     def call_library(self, warm_start: Vector | None) -> Vector | None:
         self._answer = self._solver.solve()

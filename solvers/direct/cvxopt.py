@@ -18,7 +18,6 @@ from solvers.adapter import Cones, LibrarySolver, Matrix, Program, Report, Vecto
 class Cvxopt(LibrarySolver):
     """The library's ``solvers.qp``."""
 
-    copies_data = True
     form = Cones
 
     def build(self, p: Program, rows: Cones) -> None:

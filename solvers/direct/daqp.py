@@ -24,7 +24,6 @@ IGNORED, EQUAL = 4, 5  # the library's bits: 1 active, 2 lower, 4 immutable
 class Daqp(LibrarySolver):
     """The library's ``Model``."""
 
-    copies_data = True
     warm_startable = True
 
     def build(self, p: Program, rows: Stack) -> None:

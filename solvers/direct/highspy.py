@@ -25,8 +25,6 @@ INF = np.full(1, np.inf)
 class Highspy(LibrarySolver):
     """The library's ``Highs``."""
 
-    copies_data = True
-
     def build(self, p: Program, rows: Stack) -> None:
         self._triangle = Triangle(p.d, upper=False)
         self._columns = np.arange(p.d, dtype=np.int32)

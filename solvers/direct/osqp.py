@@ -31,7 +31,6 @@ WITH_ANSWER = (
 class Osqp(LibrarySolver):
     """The library's ``OSQP``."""
 
-    copies_data = True
     form = Intervals
     warm_startable = True
 
@@ -45,10 +44,7 @@ class Osqp(LibrarySolver):
             raise Unsupported(f"osqp refuses the problem with its error {error}; 4 is a P that is not convex") from None
 
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
-        new = {"q": q}
-        if P is not None:
-            new["Px"] = self.program.triangle.values(P)
-        self._solver.update(**new)
+        self._solver.update(q=q, **({} if P is None else {"Px": self.program.triangle.values(P)}))
 
     def call_library(self, warm_start: Vector | None) -> Vector | None:
         if warm_start is None:

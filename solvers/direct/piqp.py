@@ -18,8 +18,6 @@ from solvers.adapter import LibrarySolver, Matrix, Program, Report, Stack, Vecto
 class Piqp(LibrarySolver):
     """The library's ``DenseSolver``."""
 
-    copies_data = True
-
     def build(self, p: Program, rows: Stack) -> None:
         self._solver = piqp.DenseSolver()
         self.apply_settings(self._solver.settings, compute_timings=True)

@@ -23,7 +23,6 @@ from solvers.adapter import Cones, LibrarySolver, Matrix, Program, Report, Vecto
 class Qoco(LibrarySolver):
     """The library's ``QOCO``."""
 
-    copies_data = True
     form = Cones
 
     def build(self, p: Program, rows: Cones) -> None:

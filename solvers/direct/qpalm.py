@@ -18,7 +18,6 @@ from solvers.adapter import Intervals, LibrarySolver, Matrix, Program, Report, V
 class Qpalm(LibrarySolver):
     """The library's ``Solver``."""
 
-    copies_data = True
     form = Intervals
     warm_startable = True
 

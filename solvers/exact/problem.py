@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from bisect import bisect_left
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -142,19 +143,14 @@ class DoubleProblem:
             return 0.0, rank == d
 
         def rank_at(power: int) -> int | None:
-            return semidefinite_rank(_shifted(P, exponent, math.ldexp(1.0, power))[0], work) if power >= -1074 else None
+            return semidefinite_rank(_shifted(P, exponent, math.ldexp(1.0, power))[0], work)
 
         limit = SHIFT_LIMIT * (math.fsum(np.diag(self.P)) / d)
-        high, step = math.frexp(limit)[1] - 1, 1
-        if limit <= 0 or rank_at(high) is None:
+        powers = range(-1074, math.frexp(limit)[1])
+        if limit <= 0 or rank_at(powers[-1]) is None:
             raise NotCertified(f"P is not convex: no shift up to {SHIFT_LIMIT:g}·trace(P)/d = {limit:.3g} makes it so")
-        while rank_at(high - step) is not None:
-            high, step = high - step, 2 * step
-        low = high - step
-        while high - low > 1:
-            middle = (high + low) // 2
-            low, high = (low, middle) if rank_at(middle) is not None else (middle, high)
-        return math.ldexp(1.0, high), rank_at(high) == d
+        power = powers[bisect_left(powers, True, key=lambda power: rank_at(power) is not None)]
+        return math.ldexp(1.0, power), rank_at(power) == d
 
     def guess(self, x: Vector) -> list[tuple[Kind, int]]:
         """A guess of the active set from an answer in doubles.

@@ -30,7 +30,7 @@ class ProjectedGradient(BuiltInSolver):
     def set_data(self, state: Any, P: Matrix | None, q: Vector | None) -> int:
         status = bindings.descent_set_data(state, P, q, *self._rule)
         if status == OK and P is not self.program.P:
-            self.program.set_data(P, q, copy=True)
+            self.program.set_data(P, q)
         return status
 
     def run(self, state: Any, warm: bool) -> int:

@@ -76,7 +76,6 @@ class CompiledLibrary(LibrarySolver):
     """A solver behind the two C functions of a timed loop; its ``build`` sets it up and calls ``pack_state``."""
 
     lane = Lane.KERNEL
-    copies_data = False  # a library may keep pointers to P and q
 
     def pack_state(self, *values: Any) -> None:
         """Make the state: the data, then the fields that <name>.c declares (numbers, arrays, functions, pointers)."""

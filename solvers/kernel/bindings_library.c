@@ -46,8 +46,6 @@ static void copy(double *to, const double *from, int64_t size)
     F(time_library, "addresses[3]q, " TIMED, "as time_box.", NEED_D, WHOLE_RESULT = TIMED_BY(1, LIBRARY_SOLVER))       \
     F(check_all, "P[n,d,d]?, q[n,d]", "whether each P and q is good; a status.", 0,                                    \
       WHOLE_RESULT = check(LENGTH(n), LENGTH(d), REALS(0), REALS(1)))                                                  \
-    F(check_data, "like[d], P[d,d]?, q[d]?", "the same for one or none of each, of d variables.", 0,                   \
-      WHOLE_RESULT = check(1, LENGTH(d), REALS(1), REALS(2)))                                                          \
     F(copy_data, "to_P[d,d]=, to_q[d]=, P[d,d]?, q[d]?", "copy P and q if they are good; a status.", 0,                \
       (WHOLE_RESULT = check(1, LENGTH(d), REALS(2), REALS(3))) == OK                                                   \
           ? (copy(REALS(0), REALS(2), LENGTH(d) * LENGTH(d)), copy(REALS(1), REALS(3), LENGTH(d)))                     \
