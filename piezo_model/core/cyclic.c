@@ -194,13 +194,12 @@ static void make_program(const Learner *l)
 /* Set up the recursion; whether the program can be solved. */
 static int begin_steps(const Learner *l)
 {
-    ProjectedGradient descent = l->cyclic.descent;
     const Cyclic *const c = &l->cyclic;
-    if (descent_setup(descent.head, l->d, c->lower, c->upper) != OK
-        || descent_set_data(&descent, c->P, c->q, l->settings->step_ratio, 0) != OK) {
+    if (descent_setup(c->descent.head, l->d, c->lower, c->upper) != OK
+        || descent_set_data(&c->descent, c->P, c->q, l->settings->step_ratio, 0) != OK) {
         return 0;
     }
-    descent_start(&descent, c->start);
+    descent_start(&c->descent, c->start);
     return 1;
 }
 
@@ -242,12 +241,10 @@ static int hand_over(const Learner *l, int64_t now)
     LearnerClock *const clock = l->clock;
     const real span_share = (c->covered[X_HIGH] - c->covered[X_LOW]) / 2;
     if (SOLVER(l->settings) == STEPS) {
-        ProjectedGradient descent = c->descent;
-        descent_answer(&descent);
+        descent_answer(&c->descent);
     }
     for (int j = 0; j < l->d; ++j) {
-        const real z = c->answer[j] < c->lower[j] ? c->lower[j] : c->answer[j];
-        c->learned[j] = z * c->scale[j];
+        c->learned[j] = greatest(c->lower[j], c->answer[j]) * c->scale[j]; /* NaN stays */
     }
     if (!are_finite(c->learned, l->d)) {
         return learner_refuse(l, NOT_A_NUMBER);
@@ -296,8 +293,7 @@ int cyclic_block(const Learner *l, const BlockSummary *b)
     LearnerClock *const clock = l->clock;
     if (clock->phase == LEARN) {
         if (SOLVER(l->settings) == STEPS) {
-            ProjectedGradient descent = l->cyclic.descent;
-            projected_steps(&descent, b->count, -1);
+            projected_steps(&l->cyclic.descent, b->count, -1);
         }
         clock->phase_left -= b->count;
         const int events = clock->phase_left <= 0 ? hand_over(l, b->end) : 0;

@@ -114,14 +114,13 @@ Learner learner_setup(void *memory, Shape shape, int block, int blocks, int mode
     head->block = block;
     head->blocks = blocks;
     head->mode = mode;
-    Learner l = learner_at(memory);
+    const Learner l = learner_at(memory);
     if (mode == CYCLIC) {
         descent_setup(l.cyclic.descent.head, l.d, l.cyclic.lower, l.cyclic.upper);
-        l = learner_at(memory);
     }
     l.mailbox.head->delay = l.mailbox.head->block = block; /* weights take effect a block after their last sample */
     l.mailbox.head->blocks = blocks;
     l.memory->learning = 1;
-    return l;
+    return learner_at(memory); /* with the vectors of the recursion */
 }
 #endif

@@ -13,7 +13,7 @@
 #include "product.h"
 
 /* It ends when the projected gradient (y - w)/eta is at most tolerance max(|q|, |P w(0) + q|), 2-norms. */
-int64_t accelerated_steps(ProjectedGradient *s, int64_t steps, real tolerance)
+int64_t accelerated_steps(const ProjectedGradient *s, int64_t steps, real tolerance)
 {
     const int d = s->d, ld = s->ld;
     real t = 1;

@@ -7,8 +7,8 @@
 #define TIMED_DESCENT(...) (&(TimedSolver){(TimedProjectedGradient[]){{DESCENT, __VA_ARGS__}}, SIZE(d), update, solve})
 
 typedef struct {
-    ProjectedGradient *s;
-    int64_t (*method)(ProjectedGradient *s, int64_t steps, real tolerance);
+    const ProjectedGradient *s;
+    int64_t (*method)(const ProjectedGradient *s, int64_t steps, real tolerance);
     double ratio;
     int scaled;
     int64_t steps;

@@ -259,6 +259,5 @@ int box_solve_from(void *memory, int d, const real *P, const real *q, const real
     box_setup(memory, d, lb, ub);
     Box s = box_at(memory);
     box_set_data(&s, P, q);
-    const int status = box_start(&s, x);
-    return status == OK ? box_solve(&s, 1) : status;
+    return box_start(&s, x) == OK ? box_solve(&s, 1) : NOT_FINITE;
 }

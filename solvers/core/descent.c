@@ -122,7 +122,7 @@ static real largest_eigenvalue(const ProjectedGradient *s)
     return high;
 }
 
-int descent_set_data(ProjectedGradient *s, const real *P, const real *q, real ratio, int scaled)
+int descent_set_data(const ProjectedGradient *s, const real *P, const real *q, real ratio, int scaled)
 {
     const int d = s->d, ld = s->ld;
     if (q != NULL) {
@@ -169,7 +169,7 @@ int descent_set_data(ProjectedGradient *s, const real *P, const real *q, real ra
 }
 
 /* Move to the projection of the next point. */
-static void go_to_next(ProjectedGradient *s)
+static void go_to_next(const ProjectedGradient *s)
 {
     for (int j = 0; j < s->ld; j += LANES) {
         const vec8 w = clip(load(s->next + j), load(s->lower + j), load(s->upper + j));
@@ -178,7 +178,7 @@ static void go_to_next(ProjectedGradient *s)
     }
 }
 
-void descent_start(ProjectedGradient *s, const real *x)
+void descent_start(const ProjectedGradient *s, const real *x)
 {
     for (int j = 0; j < s->d; ++j) {
         s->next[j] = x != NULL ? x[j] / s->D[j] : 0;
@@ -205,7 +205,7 @@ static int is_met(const ProjectedGradient *s)
     return sum8(total) <= (real)s->head->threshold;
 }
 
-void descent_answer(ProjectedGradient *s)
+void descent_answer(const ProjectedGradient *s)
 {
     for (int j = 0; j < s->d; ++j) {
         const real x = s->w[j] * s->D[j], up = x > s->lb[j] ? x : s->lb[j], inside = up < s->ub[j] ? up : s->ub[j];
@@ -218,7 +218,7 @@ void descent_answer(ProjectedGradient *s)
 /* If tolerance >= 0, every sixteenth step tests whether the projected gradient (w - Proj(w - eta (P w + q)))/eta is at
  * most tolerance |q| (2-norms), and ends the run if it is. Without a tolerance, the answer is judged by
  * WITHOUT_TOLERANCE. */
-int64_t projected_steps(ProjectedGradient *s, int64_t steps, real tolerance)
+int64_t projected_steps(const ProjectedGradient *s, int64_t steps, real tolerance)
 {
     const real sought = tolerance >= 0 ? tolerance : WITHOUT_TOLERANCE;
     const real unit = 1 / power_below(largest_entry(s->shift, s->ld));

@@ -39,15 +39,15 @@ CORE_API ProjectedGradient descent_at(void *memory);
 CORE_API int descent_setup(void *memory, int d, const real *lb, const real *ub);
 /* Set P (d, d) and q (d), NULL to keep one; scale to unit diagonal if `scaled`. OK, NOT_FINITE, ASYMMETRIC or
  * INDEFINITE. Steps begin anew after that. */
-CORE_API int descent_set_data(ProjectedGradient *s, const real *P, const real *q, real ratio, int scaled);
+CORE_API int descent_set_data(const ProjectedGradient *s, const real *P, const real *q, real ratio, int scaled);
 /* Begin at the projection of x (d), or of 0 for NULL. */
-CORE_API void descent_start(ProjectedGradient *s, const real *x);
+CORE_API void descent_start(const ProjectedGradient *s, const real *x);
 /* Take up to `steps` steps; returns their number. See descent.c and acceleration.c for the tests that end them early.
  */
-CORE_API int64_t projected_steps(ProjectedGradient *s, int64_t steps, real tolerance);
-CORE_API int64_t accelerated_steps(ProjectedGradient *s, int64_t steps, real tolerance);
+CORE_API int64_t projected_steps(const ProjectedGradient *s, int64_t steps, real tolerance);
+CORE_API int64_t accelerated_steps(const ProjectedGradient *s, int64_t steps, real tolerance);
 /* Write x (d) for w to s->answer, exactly at a bound if w is, and judge it. */
-CORE_API void descent_answer(ProjectedGradient *s);
+CORE_API void descent_answer(const ProjectedGradient *s);
 
 /* |v|^2 of ld entries, in units in which squares neither overflow nor vanish. */
 CORE_INLINE real length_squared(const real *v, real unit, int ld)

@@ -131,14 +131,17 @@ static FMI(Status) do_step(void *c, double now, double interval)
     return FMI(OK);
 }
 
-EXPORTED FMI(Status) FMI_STATE(Get, )(void *c, void **state)
+/* Copy a state to *state, or to new memory for NULL. */
+static FMI(Status) copy_state(void *c, const void *from, void **state)
 {
     if (*state == NULL && (*state = malloc(sizeof(fmu_state))) == NULL) {
         return refuse(c, "there is no memory for the state");
     }
-    memcpy(*state, c, sizeof(fmu_state));
+    memcpy(*state, from, sizeof(fmu_state));
     return FMI(OK);
 }
+
+EXPORTED FMI(Status) FMI_STATE(Get, )(void *c, void **state) { return copy_state(c, c, state); }
 
 EXPORTED FMI(Status) FMI_STATE(Set, )(void *c, void *state)
 {
@@ -170,11 +173,7 @@ EXPORTED FMI(Status) FMI_STATE(Serialize, )(void *c, void *state, FMI(Byte) byte
 
 EXPORTED FMI(Status) FMI_DESERIALIZE(void *c, const FMI(Byte) bytes[], size_t size, void **state)
 {
-    if (size != sizeof(fmu_state) || (*state == NULL && (*state = malloc(sizeof(fmu_state))) == NULL)) {
-        return refuse(c, "the state cannot be read");
-    }
-    memcpy(*state, bytes, sizeof(fmu_state));
-    return FMI(OK);
+    return size == sizeof(fmu_state) ? copy_state(c, bytes, state) : refuse(c, "the state cannot be read");
 }
 
 /* Functions that an FMU of real numbers without events, clocks and derivatives does not support. */

@@ -27,6 +27,14 @@ static Compensator of(const piezo_axis *axis) { return compensator_at((void *)(u
 /* The core declares them constant. */
 static DriveSettings *settings_of(const Compensator *c) { return (DriveSettings *)(uintptr_t)c->settings; }
 
+/* Copy constants of the export in the precision of the step. */
+static void write_reals(real *to, const double *from, size_t count)
+{
+    for (size_t i = 0; i < count; ++i) {
+        to[i] = (real)from[i];
+    }
+}
+
 static void set_limits(const Compensator *c, double low, double high, double max_step)
 {
     DriveMemory *const m = c->memory;
@@ -98,13 +106,9 @@ void piezo_reset(piezo_axis *axis)
 {
     const Compensator c = compensator_setup(axis->compensator.bytes, exported_shape);
     real weights[PIEZO_ALL_WEIGHTS];
-    for (int i = 0; i < PIEZO_THRESHOLDS; ++i) {
-        c.operators.r[i] = (real)thresholds[i];
-    }
+    write_reals(c.operators.r, thresholds, PIEZO_THRESHOLDS);
 #if PIEZO_RATES > 0
-    for (int i = 0; i < PIEZO_RATES; ++i) {
-        c.operators.a[i] = (real)creep_gains[i];
-    }
+    write_reals(c.operators.a, creep_gains, PIEZO_RATES);
 #endif
     for (int i = 0; i < zone_lanes(exported_shape); ++i) {
         c.low[i] = i < PIEZO_ZONES ? (real)zone_low[i] : -REAL_INFINITY;
@@ -118,14 +122,10 @@ void piezo_reset(piezo_axis *axis)
                                        .gain = (real)PIEZO_INTEGRAL_GAIN};
     *c.memory = (DriveMemory){.last_y_ref = (real)PIEZO_Y_CENTRE, .target = (real)NAN};
     set_limits(&c, PIEZO_LOW, PIEZO_HIGH, PIEZO_MAX_STEP);
-    for (int i = 0; i < PIEZO_ALL_WEIGHTS; ++i) {
-        weights[i] = (real)exported[i];
-    }
+    write_reals(weights, exported, PIEZO_ALL_WEIGHTS);
     compensator_set_weights(&c, weights);
 #if PIEZO_RING > 0
-    for (size_t i = 0; i < sizeof prefilter / sizeof *prefilter; ++i) {
-        ((real *)(void *)c.prefilter.reference)[i] = (real)prefilter[i];
-    }
+    write_reals((real *)(void *)c.prefilter.reference, prefilter, sizeof prefilter / sizeof *prefilter);
 #endif
 #if PIEZO_LEARNING
     memset(axis->learned, 0, sizeof axis->learned);

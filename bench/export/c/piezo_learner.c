@@ -104,13 +104,13 @@ static int solve_cycle(const Learner *l)
 #elif PIEZO_LEARNING == PIEZO_ACCELERATED
 static int solve_cycle(const Learner *l)
 {
-    ProjectedGradient descent = l->cyclic.descent;
+    const ProjectedGradient *const descent = &l->cyclic.descent;
     if (!begin_steps(l)) {
         return 0;
     }
-    accelerated_steps(&descent, PIEZO_STEPS_OF_A_SOLVE, PIEZO_SOLVE_TOLERANCE);
-    descent_answer(&descent);
-    return descent.head->met;
+    accelerated_steps(descent, PIEZO_STEPS_OF_A_SOLVE, PIEZO_SOLVE_TOLERANCE);
+    descent_answer(descent);
+    return descent->head->met;
 }
 #endif
 
