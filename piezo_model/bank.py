@@ -265,9 +265,11 @@ class CompensatorBank(Stateful):
         if self.settings.integral_gain > 0.0:
             model.require_stable(self.settings.integral_gain)
         prefilter, has = Prefilter(model.dynamics, self.structure.sample_time), model.dynamics or "none"
-        if (prefilter.modes, prefilter.ring > 0) != (self._modes, self._ring > 0) or prefilter.ring > self._ring:
-            room = f"for {self._modes} modes and the lag of its own" if self._ring else "for no dynamics"
-            raise ValueError(f"the bank has room {room}; the model has {has}")
+        room = f"for {self._modes} modes and the lag of its own" if self._ring else "for no dynamics"
+        checks.check(
+            (prefilter.modes, prefilter.ring > 0) == (self._modes, self._ring > 0) and prefilter.ring <= self._ring,
+            f"the bank has room {room}; the model has {has}",
+        )
         return prefilter
 
     @property

@@ -22,7 +22,6 @@ from numpy.typing import ArrayLike, NDArray
 from piezo_model import checks, json_file
 from piezo_model.compensator import Compensator, CompensatorState, blend_factor
 from piezo_model.core import bindings, exclusively
-from piezo_model.json_file import Number
 from piezo_model.learning.driven_range import DrivenRange
 from piezo_model.learning.events import BlockEvent, Event, Phase, Verdict
 from piezo_model.learning.learner import LOG_LENGTH, Learner
@@ -46,7 +45,7 @@ class SavedState(TypedDict):
 
     compensator: CompensatorState
     learning: LearnerState
-    last_x: Number | None
+    last_x: json_file.Number | None
     log: list[Event]
 
 
@@ -143,10 +142,8 @@ class SelfLearningCompensator(Learner):
     ) -> None:
         checks.instance(ModelStructure, structure=structure)
         checks.require(lambda model: model is None or isinstance(model, HysteresisCreepModel), "a model", model=model)
-        if estimate_offset is None:
-            estimate_offset = model is None and not structure.offset
-        if adapt_range is None:
-            adapt_range = model is None and (structure.offset or estimate_offset)
+        adds_offset = model is None and not structure.offset if estimate_offset is None else estimate_offset
+        adapts = model is None and (structure.offset or adds_offset) if adapt_range is None else adapt_range
         settings = LearningSettings(
             reset_s,
             build_s,
@@ -159,15 +156,15 @@ class SelfLearningCompensator(Learner):
             blend_time_s,
             rate_limit,
             solve_delay_samples,
-            estimate_offset,
-            adapt_range,
+            adds_offset,
+            adapts,
             proximal,
             integral_gain,
             solver_options,
         )
         model = HysteresisCreepModel.from_weights(structure, structure.straight_line) if model is None else model
         checks.check(model.structure == structure, "the model has another structure than the one given")
-        if estimate_offset and not structure.offset:
+        if adds_offset and not structure.offset:
             model = replace(model, structure=replace(structure, offset=True))
         super().__init__(
             settings,

@@ -24,7 +24,6 @@ from typing import Annotated, Any
 import msgspec
 
 from piezo_model import checks, json_file, plants
-from piezo_model.json_file import LARGEST, Number
 
 METHODS = ("open", "exchange", "close")
 RAMP_S = 0.01
@@ -42,10 +41,10 @@ class Declared(msgspec.Struct, frozen=True):
 
     input_unit: str
     output_unit: str
-    x_limits: tuple[Number, Number]
-    y_range: tuple[Number, Number]
-    rate_limit: Annotated[float, msgspec.Meta(gt=0.0, le=LARGEST)]
-    rest: Number
+    x_limits: tuple[json_file.Number, json_file.Number]
+    y_range: tuple[json_file.Number, json_file.Number]
+    rate_limit: Annotated[float, msgspec.Meta(gt=0.0, le=json_file.LARGEST)]
+    rest: json_file.Number
     timeout_s: Annotated[float, msgspec.Meta(ge=1e-3, le=3600.0)] = 0.5
     reopens: bool = True
 
@@ -94,17 +93,14 @@ class SimulatedStage:
             self._plant = plants.Sensor(plants.stage(kind, sample_time), noise_um=noise_um)
         self.x_limits, self.y_range, self.rest = self._plant.x_range, self._plant.y_range, self._plant.x_range[0]
         self.rate_limit = (self.x_limits[1] - self.x_limits[0]) / RAMP_S
-        self._sample_time, self._x, self._samples = sample_time, self.rest, 0
+        self._started, self._sample_time, self._x, self._samples = time.perf_counter(), sample_time, self.rest, 0
 
     def open(self) -> None:
         """Do nothing."""
 
     def exchange(self, x: float) -> float:
         """Advance the plant by the samples that are due, at least one, and return its output."""
-        now = time.perf_counter()
-        if not self._samples:
-            self._started = now
-        due = round((now - self._started) / self._sample_time)
+        due = round((time.perf_counter() - self._started) / self._sample_time)
         for _ in range(min(due - self._samples, MAX_CATCH_UP)):
             self._plant.step(self._x)
         self._samples, self._x = max(due, self._samples) + 1, x

@@ -167,10 +167,9 @@ class Loop:
     def next_drive(self, y_ref: float) -> float:
         """The drive that the compensator requests, which keeps the limits and began at rest, or rest as far as the rate
         limit allows."""
-        follows = self._board.state == State.FOLLOWING
-        if follows and isinstance(self._compensator, SelfLearningCompensator):
-            return self._compensator.step(y_ref, self._y)
-        if follows and isinstance(self._compensator, Compensator):
+        if self._compensator and self._board.state == State.FOLLOWING:
+            if isinstance(self._compensator, SelfLearningCompensator):
+                return self._compensator.step(y_ref, self._y)
             self._compensator.correct(self._y)
             return self._compensator.step(y_ref)
         declared, x = self._settings.declared, self._board.drive

@@ -9,7 +9,6 @@ from typing import Any
 import msgspec
 
 from piezo_model import checks, json_file
-from piezo_model.json_file import packed, unpacked
 from piezo_model.model import ModelError
 
 
@@ -36,8 +35,8 @@ def write_learner(path: str | Path, settings: Mapping[str, Any], state: Mapping[
     content = {
         "format": LearnerFile.FORMAT,
         "version": LearnerFile.VERSION,
-        "settings": packed(settings),
-        "state": packed(state),
+        "settings": json_file.packed(settings),
+        "state": json_file.packed(state),
     }
     json_file.write(path, {**content, "checksum": _checksum(content)}, ModelError)
 
@@ -51,4 +50,4 @@ def read_learner(path: str | Path) -> tuple[dict[str, Any], dict[str, Any]]:
         ModelError,
     )
     with checks.refusing(ModelError, f"{path}: holds a broken array: "):
-        return unpacked(content["settings"]), unpacked(content["state"])
+        return json_file.unpacked(content["settings"]), json_file.unpacked(content["state"])

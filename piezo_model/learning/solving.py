@@ -59,5 +59,4 @@ def require_setting(setting: str | None, solver: str, lane: str | None) -> None:
 def step_ratio(options: Mapping[str, Any] | None) -> float:
     """Step of the projected difference equation as a share of the stability limit; ValueError if it is invalid."""
     engine = solvers.get(STEPPED, **{name: value for name, value in (options or {}).items() if name != "setting"})
-    engine.setup(solvers.Problem(np.eye(1), np.zeros(1), lb=np.zeros(1)))
     return float(engine.settings.get("step_ratio", 0.5))
