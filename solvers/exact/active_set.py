@@ -1,11 +1,15 @@
 """The optimum of an exact quadratic program, from any guess of its active set.
 
 A working set W is optimal when its stationary point breaks no constraint outside W and no inequality in W has λ < 0.
-Otherwise the broken condition of least index is pivoted on, the criss-cross method: it needs neither a feasible start
-nor a regular P, cannot cycle, and ends in an optimum, a contradiction or a ray (D. den Hertog, C. Roos, T. Terlaky,
-"The linear complementarity problem, sufficient matrices, and the criss-cross method", Linear Algebra Appl. 187, 1993).
-The guess from an answer with errors below 1e-6 is nearly always the optimal set, so few pivots follow; without an
-answer, criss-cross takes several times the pivots of a dual active set method.
+Otherwise W is repaired by methods that are certain to terminate:
+
+- dual active set, for P ≻ 0: constraints of negative multiplier leave, then violated ones enter one by one while the
+  multipliers stay nonnegative and the cost rises (D. Goldfarb, A. Idnani, "A numerically stable dual method for solving
+  strictly convex quadratic programs", Math. Program. 27, 1983);
+- criss-cross by least index, for singular P, starting from the dual active set of a strictly convex neighbour. It needs
+  neither a feasible start nor a regular P, cannot cycle, and ends in an optimum, a contradiction or a ray (D. den
+  Hertog, C. Roos, T. Terlaky, "The linear complementarity problem, sufficient matrices, and the criss-cross method",
+  Linear Algebra Appl. 187, 1993).
 """
 
 from collections.abc import Iterable, Sequence
@@ -44,19 +48,81 @@ def optimum(program: ExactProgram, guess: Iterable[int], work: Work | None = Non
         The limit of the work is exceeded.
     """
     budget, W = work or Work(WORK), program.working_set(guess)
-    while True:
-        budget.spend(program.pivot_work(W))
-        point = stationary_point(program, W)
-        if not point.wrong:
-            return W, point
-        budget.known = f"P is convex, and the last active set breaks {len(point.wrong)} conditions"
-        step = _drop if point.wrong[0] in point.multipliers else _add
-        W = step(program, point.wrong[0], W, point)
+    if program.regular:
+        return dual_active_set(program, W, budget)
+    if _point(program, W, budget).wrong:
+        neighbour = _strictly_convex_neighbour(program)
+        W, _ = dual_active_set(neighbour, neighbour.working_set(W), budget)
+    return criss_cross(program, program.working_set(W), budget)
+
+
+def _point(program: ExactProgram, W: Sequence[int], budget: Work) -> Point:
+    budget.spend(program.pivot_work(W))
+    point = stationary_point(program, W)
+    budget.known = f"P is convex, and the last active set breaks {len(point.wrong)} conditions"
+    return point
 
 
 def _contradiction(program: ExactProgram, k: int, others: Iterable[int]) -> Infeasible:
     against = ", ".join(str(program.constraint(r)) for r in others) or "nothing, since its row is zero"
     return Infeasible(f"the constraints contradict each other: {program.constraint(k)} against {against}")
+
+
+def dual_active_set(program: ExactProgram, W: list[int], budget: Work) -> tuple[list[int], Point]:
+    """The optimum of a program with P ≻ 0; raises :class:`Infeasible`."""
+    W = [k for k in W if k < len(program.constraints)]  # P ≻ 0 needs no pins
+    point = _point(program, W, budget)
+    while pulling := {k for k in point.wrong if k in point.multipliers}:
+        W = [k for k in W if k not in pulling]
+        point = _point(program, W, budget)
+    while point.wrong:
+        k = max(point.wrong, key=lambda k: abs(point.slacks[k]) / program.constraint(k).size)
+        W = _enter(program, k, W, point, budget)
+        point = _point(program, W, budget)
+    return W, point
+
+
+def _enter(program: ExactProgram, k: int, W: Sequence[int], point: Point, budget: Work) -> list[int]:
+    """Increase the multiplier of a violated constraint until it holds; constraints of W whose multiplier reaches zero
+    on the way leave."""
+    W, multipliers, excess = list(W), dict(point.multipliers), abs(point.slacks[k])
+    side = 1 if point.slacks[k] < 0 else -1  # −1 for an equality that x undercuts
+    normal = rational_column(program.constraint(k).row(program.d)) * fmpq(side)
+    while True:
+        # While the multiplier grows by t, x moves by −t·z, the multipliers of W by −t·u and the excess by −t·zᵀP z.
+        budget.spend(program.pivot_work(W))
+        z, u = program.kkt_solve(W, normal, [fmpq(0)] * len(W))
+        fall = (normal.transpose() * z)[0, 0]
+        limited = [r for r in W if u[r] > 0 and program.constraint(r).kind is not Kind.EQUALITY]
+        first = min(limited, key=lambda r: multipliers[r] / u[r], default=None)
+        if first is None or (fall != 0 and excess / fall <= multipliers[first] / u[first]):
+            if fall == 0:
+                raise _contradiction(program, k, [r for r in W if u[r] != 0])
+            return [*W, k]
+        step = multipliers[first] / u[first]
+        excess -= step * fall
+        W.remove(first)
+        multipliers = {r: multipliers[r] - step * u[r] for r in W}
+
+
+def _strictly_convex_neighbour(program: ExactProgram) -> ExactProgram:
+    """The program with P_ii increased by one millionth, or by one millionth of the largest P_jj if P_ii is zero.
+
+    Its optimum serves as a starting point only: it is near an optimum of the program, if that has one.
+    """
+    largest = max((program.P[i][i] for i in range(program.d)), default=fmpz(0)) or fmpz(1)
+    P = [[entry * 10**6 for entry in row] for row in program.P]
+    for i, row in enumerate(P):
+        row[i] += program.P[i][i] or largest
+    return ExactProgram(P, program.q * fmpq(10**6), program.constraints)
+
+
+def criss_cross(program: ExactProgram, W: list[int], budget: Work) -> tuple[list[int], Point]:
+    """Pivot on the wrong constraint of least index; raises :class:`Infeasible` or :class:`Unbounded`."""
+    while (point := _point(program, W, budget)).wrong:
+        step = _drop if point.wrong[0] in point.multipliers else _add
+        W = step(program, point.wrong[0], W, point)
+    return W, point
 
 
 def _add(program: ExactProgram, k: int, W: Sequence[int], point: Point) -> list[int]:

@@ -65,6 +65,11 @@ class Constraint:
         """The coefficient of a bound's variable."""
         return -1 if self.kind is Kind.LOWER else 1
 
+    @property
+    def size(self) -> Rational:
+        """The largest coefficient (1 for a row of zeros), by which slacks of different rows are compared."""
+        return fmpz(1) if self.a is None else max(abs(entry) for entry in self.a) or fmpz(1)
+
     def broken_by(self, slack: Rational) -> bool:
         """Whether a point with the slack b − aᵀx violates this constraint."""
         return bool(slack < 0 or (slack != 0 and self.kind is Kind.EQUALITY))
