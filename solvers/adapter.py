@@ -52,9 +52,6 @@ __all__ = [
 ]
 
 
-LONGEST_NS = 2**62
-
-
 class Report(NamedTuple):
     """Report of a library on its last solve."""
 
@@ -156,7 +153,7 @@ class Adapter(Solver):
             flat, qs, start = program.several(P, q, warm_start)
             n, d = qs.shape
             updates, solves, answers = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64), np.full((n, d), np.nan)
-            made, longest = np.zeros(1, dtype=np.int64), int(min(most_ns, LONGEST_NS))
+            made, longest = np.zeros(1, dtype=np.int64), int(min(most_ns, 2**62))
             data = qs, None if flat is None else flat.reshape(n, d * d)
             status = self.loop()(*data, start, longest, updates, solves, answers, made)
             m = int(made[0])
@@ -264,13 +261,23 @@ class LibrarySolver(Adapter):
             raise Unsupported(f"{self.name} refuses the data with exit flag {flag}: P is not positive semidefinite")
 
 
-def behind(base: type[LibrarySolver], libraries: Mapping[str, Backend], installed: Container[str]) -> Any:
+def behind(
+    base: type[LibrarySolver],
+    libraries: Mapping[str, Backend],
+    installed: Container[str],
+    warm_startable: Container[str] = (),
+) -> Any:
     """The function ``make`` of a lane: the class of one solver of its table, ImportError if it is not installed."""
 
     def make(name: str) -> type[Solver]:
         if name not in installed:
             raise ImportError(f"{name!r} is not installed, or {base.lane.value} does not find it")
-        described = {"__doc__": f"{name} behind {base.lane.value}.", "name": name, "library": libraries[name]}
+        described = {
+            "__doc__": f"{name} behind {base.lane.value}.",
+            "name": name,
+            "library": libraries[name],
+            "warm_startable": name in warm_startable,
+        }
         return type(f"{base.lane.value.capitalize()}_{name}", (base,), described)
 
     return make

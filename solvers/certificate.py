@@ -161,7 +161,7 @@ def certify(problem: Problem, x: Vector, *, work: float = WORK) -> Certificate:
     >>> proof.x, proof.value, proof.lower, proof.upper, proof.unique
     ((2.0, 0.0), '-4', (1,), (0,), True)
     """
-    data = DoubleProblem.of(problem)
+    data = DoubleProblem(problem)
     x = finite("x", x, data.q.shape)
     budget = Work(work)
     shift, definite = data.convexity_shift(budget)
@@ -233,7 +233,7 @@ def verify(problem: Problem, certificate: Certificate) -> None:
         if not holds:
             raise NotCertified(f"proof line {name} fails: {why}")
 
-    data = DoubleProblem.of(problem)
+    data = DoubleProblem(problem)
     line("1 (problem)", certificate.problem == data.fingerprint, "the certificate belongs to other data")
     shift, definite = data.convexity_shift()
     line("2 (convexity)", certificate.convexity_shift == shift, f"the rule gives the shift {shift!r}")
@@ -280,7 +280,7 @@ def exact_cost_gap(problem: Problem, certificate: Certificate, x: Vector, c: flo
     >>> exact_cost_gap(problem, certify(problem, np.zeros(2)), np.array([1.5, -0.25]), c=5.0)
     Gap(absolute=0.625, relative=0.625, violation=0.25)
     """
-    data = DoubleProblem.of(problem)
+    data = DoubleProblem(problem)
     x = finite("x", x, data.q.shape)
     if not math.isfinite(c):
         raise ValueError(f"the constant term c must be finite, not {c}")

@@ -62,7 +62,7 @@ def document(
     >>> found["optimum"]["x"], found["optimum"]["ub"], found["unique"], found["answer"]["gap"]
     (['2', '0'], ['1', '0'], 'yes', '5/8')
     """
-    data = DoubleProblem.of(problem)
+    data = DoubleProblem(problem)
     program, factor = exact(data, certificate.convexity_shift)
     point = stored_point(program, certificate)
     value = program.value(point.x) * factor + _rational(constant)

@@ -36,10 +36,6 @@ class QpsolversSolver(LibrarySolver):
 
     lane = Lane.QPSOLVERS
 
-    def __init_subclass__(cls, **options: Any) -> None:
-        super().__init_subclass__(**options)
-        cls.warm_startable = cls.name in WARM_STARTABLE
-
     def build(self, p: Program, rows: Stack) -> None:  # noqa: D102
         self._is_sparse = self.name in SPARSE_ONLY
         form: Callable[[Matrix], Any] = csc_matrix if self._is_sparse else np.asarray
@@ -90,4 +86,4 @@ def _first_of(extras: Mapping[str, Any], *names: str) -> Any:
     return next((value for name in names for value in (extras.get(name), inside.get(name)) if value is not None), None)
 
 
-make = behind(QpsolversSolver, BACKENDS, INSTALLED)
+make = behind(QpsolversSolver, BACKENDS, INSTALLED, WARM_STARTABLE)

@@ -29,6 +29,7 @@ from types import ModuleType
 from typing import Any
 
 from solvers import backend
+from solvers.core import module_at
 from solvers.protocol import Lane, Solver
 
 FAMILIES = {Lane.QPSOLVERS: backend.QPSOLVERS, Lane.CVXPY: backend.CVXPY}
@@ -101,13 +102,7 @@ def import_file(path: Path) -> ModuleType:
     """Import a user's own file; ImportError if it is not a Python file."""
     if not path.is_file():
         raise ImportError(f"{path} is not a file")
-    spec = importlib.util.spec_from_file_location(f"piezobench_user_{path.stem}", path)
-    if spec is None or spec.loader is None:
-        raise ImportError(f"{path} is not a Python file")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
+    return module_at(f"piezobench_user_{path.stem}", path)
 
 
 def only_class(module: ModuleType, base: type[Any]) -> type[Any]:

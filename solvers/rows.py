@@ -29,7 +29,25 @@ from solvers.protocol import Matrix, Vector, box, dense
 Index = NDArray[np.int32]
 
 
-class Program:
+class Arrays:
+    """The arrays of a problem, dense, checked and copied: P (d, d), q, lb, ub (d,), G (m, d), h (m,), A (p, d), b (p,).
+
+    Raises
+    ------
+    Unsupported
+        The problem has no variables.
+    ValueError
+        NaN, a meaningless infinity, a wrong shape or another type.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self.P, self.q = dense(problem)
+        self.lb, self.ub = box(problem)
+        self.A, self.b = dense_rows(problem, "A", "b")
+        self.G, self.h = dense_rows(problem, "G", "h", np.inf)
+
+
+class Program(Arrays):
     """The arrays of a problem, checked, contiguous and copies, so that a library may keep pointers to them.
 
     Parameters
@@ -57,17 +75,14 @@ class Program:
     """
 
     def __init__(self, problem: Problem) -> None:
-        self.P, self.q = dense(problem)
+        super().__init__(problem)
         self.d = d = self.q.size
-        lb, ub = box(problem)
-        check_status(CROSSED if np.any(lb > ub) else bindings.check_all(self.P[None], self.q[None]))
-        A, b = dense_rows(problem, "A", "b")
-        G, h = dense_rows(problem, "G", "h", np.inf)
-        self._finite: Mask = h < np.inf  # the other rows of G are no constraints
-        self.A, self.G, h = A, G[self._finite], h[self._finite]
-        self.l: Vector = np.concatenate([lb, b, np.full(h.size, -np.inf)])
-        self.u: Vector = np.concatenate([ub, b, h])
-        ends = [d, d + b.size]
+        check_status(CROSSED if np.any(self.lb > self.ub) else bindings.check_all(self.P[None], self.q[None]))
+        self._finite: Mask = self.h < np.inf  # the other rows of G are no constraints
+        self.G, h = self.G[self._finite], self.h[self._finite]
+        self.l: Vector = np.concatenate([self.lb, self.b, np.full(h.size, -np.inf)])
+        self.u: Vector = np.concatenate([self.ub, self.b, h])
+        ends = [d, d + self.b.size]
         self.bounds, self.equalities, self.inequalities = slice(0, d), slice(*ends), slice(ends[1], None)
         self.general = slice(d, None)
         self.lb, self.ub, self.b, self.h = self.l[:d], *np.split(self.u, ends)

@@ -86,7 +86,7 @@ def proof(qp: Problem, begin: Callable[[Problem], Vector] = start, work: float =
     '-1/2'
     """
     with refusing(NotCertified):
-        data = DoubleProblem.of(qp).fingerprint
+        data = DoubleProblem(qp).fingerprint
     key = hashlib.sha256(json.dumps([VERSION, work, data]).encode()).hexdigest()
     path = user_cache.folder("proofs") / f"{key}.json"
     found: Certificate | str

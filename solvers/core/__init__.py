@@ -7,6 +7,7 @@ and measurements.
 
 import importlib.util
 import os
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType
@@ -73,10 +74,16 @@ def _open(package: Path, instructions: str) -> ModuleType:
     if not path.exists():
         raise ImportError(f"the C core of {package.name} is not built: run make core")
     # Python fills the module of a name anew if another library has the same name
-    spec = importlib.util.spec_from_file_location(f"{package.name}.core.{instructions}._core", path)
-    assert spec is not None
-    assert spec.loader is not None
+    return module_at(f"{package.name}.core.{instructions}._core", path)
+
+
+def module_at(name: str, path: Path) -> ModuleType:
+    """Import a file as the module of a name; ImportError if it is not a Python file."""
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{path} is not a Python file")
     module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
     spec.loader.exec_module(module)
     return module
 

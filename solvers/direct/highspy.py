@@ -49,8 +49,7 @@ class Highspy(LibrarySolver):
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
         d, t, form = self.program.d, self._triangle, highspy.HessianFormat.kTriangular.value
         if P is not None:
-            status = self._highs.passHessian(d, t.indices.size, form, t.indptr, t.indices, t.values(P))
-            self._check(status, "take P")
+            self._check(self._highs.passHessian(d, t.indices.size, form, t.indptr, t.indices, t.values(P)), "take P")
         if q is not None:
             self._highs.changeColsCost(d, self._columns, q)
 

@@ -47,10 +47,7 @@ class Osqp(LibrarySolver):
         self._solver.update(q=q, **({} if P is None else {"Px": self.program.triangle.values(P)}))
 
     def call_library(self, warm_start: Vector | None) -> Vector | None:
-        if warm_start is None:
-            self._solver.warm_start(*self._zero)
-        else:
-            self._solver.warm_start(x=warm_start)
+        self._solver.warm_start(*(self._zero if warm_start is None else (warm_start,)))
         self._result = self._solver.solve(raise_error=False)
         return self._result.x if self._result.info.status_val in WITH_ANSWER else None
 

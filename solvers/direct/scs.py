@@ -42,10 +42,8 @@ class Scs(LibrarySolver):
             self._solver.update(c=q)
 
     def call_library(self, warm_start: Vector | None) -> Vector | None:
-        if warm_start is None:
-            self._result = self._solver.solve(warm_start=False)
-        else:
-            self._result = self._solver.solve(warm_start=True, x=warm_start, **self._dual)
+        start = {} if warm_start is None else {"x": warm_start, **self._dual}
+        self._result = self._solver.solve(warm_start=warm_start is not None, **start)
         if self._result["info"]["status_val"] == scs.SOLVED:
             self._dual = {"y": self._result["y"], "s": self._result["s"]}
         return self._result["x"]

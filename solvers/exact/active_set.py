@@ -134,11 +134,7 @@ def _add(program: ExactProgram, k: int, W: Sequence[int], point: Point) -> list[
     # Here aₖ = Σ uᵣaᵣ over W. If no constraint of W can leave, every point that satisfies W violates k as much as x
     # does.
     side = 1 if point.slacks[k] < 0 else -1
-    leaving = []
-    for r in W:
-        kind = program.constraint(r).kind
-        if (side * u[r] > 0 and kind is not Kind.EQUALITY) or (u[r] != 0 and kind is Kind.PIN):
-            leaving.append(r)
+    leaving = [r for r in W if program.constraint(r).refuses(-side * u[r])]
     if not leaving:
         raise _contradiction(program, k, [r for r in W if u[r] != 0])
     return [*(r for r in W if r != min(leaving)), k]

@@ -17,12 +17,10 @@ from __future__ import annotations
 import hashlib
 import math
 from bisect import bisect_left
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
 from flint import fmpq, fmpz
-from qpsolvers import Problem
 
 from solvers.exact.linear_algebra import (
     WORK,
@@ -35,8 +33,8 @@ from solvers.exact.linear_algebra import (
     semidefinite_rank,
 )
 from solvers.exact.program import Constraint, ExactProgram, Kind
-from solvers.protocol import Matrix, Vector, box, dense
-from solvers.rows import dense_rows
+from solvers.protocol import Vector
+from solvers.rows import Arrays
 
 SHIFT_LIMIT = 1e-12
 """Largest accepted shift, in units of trace(P)/d."""
@@ -44,27 +42,8 @@ NEAR = 1e-6
 """Relative slack below which a row is guessed active; a wrong guess costs pivots only."""
 
 
-@dataclass(frozen=True, eq=False)
-class DoubleProblem:
-    """A problem as dense, checked arrays: P (d, d), q, lb, ub (d,), G (m, d), h (m,), A (e, d), b (e,).
-
-    Problems are equal if their fingerprints are.
-    """
-
-    P: Matrix
-    q: Vector
-    G: Matrix
-    h: Vector
-    A: Matrix
-    b: Vector
-    lb: Vector
-    ub: Vector
-
-    @classmethod
-    def of(cls, problem: Problem) -> DoubleProblem:
-        """Read a problem; raises ValueError for NaN, a meaningless infinity or a wrong shape."""
-        rows = *dense_rows(problem, "G", "h", np.inf), *dense_rows(problem, "A", "b")
-        return cls(*dense(problem), *rows, *box(problem))
+class DoubleProblem(Arrays):
+    """A problem in doubles; problems are equal if their fingerprints are."""
 
     def __eq__(self, other: object) -> bool:
         """Whether the data are the same."""

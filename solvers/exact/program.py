@@ -74,6 +74,10 @@ class Constraint:
         """Whether a point with the slack b − aᵀx violates this constraint."""
         return bool(slack < 0 or (slack != 0 and self.kind is Kind.EQUALITY))
 
+    def refuses(self, multiplier: Rational) -> bool:
+        """Whether a multiplier has the wrong sign: negative for an inequality, other than 0 for a pin."""
+        return bool((multiplier < 0 and self.kind is not Kind.EQUALITY) or (multiplier != 0 and self.kind is Kind.PIN))
+
     def __str__(self) -> str:
         """Its name in messages."""
         return f"{self.kind.value} {self.index}"
@@ -236,8 +240,5 @@ def stationary_point(program: ExactProgram, W: Sequence[int]) -> Point:
     x, multipliers = program.kkt_solve(W, -program.q, [program.constraint(k).b for k in W])
     slacks = {k: program.constraint(k).b - ax for k, ax in enumerate(program.along(x)) if k not in multipliers}
     wrong = [k for k, slack in slacks.items() if program.constraint(k).broken_by(slack)]
-    for k, multiplier in multipliers.items():
-        kind = program.constraint(k).kind
-        if (multiplier < 0 and kind is not Kind.EQUALITY) or (multiplier != 0 and kind is Kind.PIN):
-            wrong.append(k)
+    wrong += [k for k, multiplier in multipliers.items() if program.constraint(k).refuses(multiplier)]
     return Point(x, multipliers, slacks, sorted(wrong))

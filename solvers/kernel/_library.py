@@ -81,7 +81,7 @@ class CompiledLibrary(LibrarySolver):
         """Make the state: the data, then the fields that <name>.c declares (numbers, arrays, functions, pointers)."""
         p, self._loop = self.program, Loop.in_dll(CORE, f"library_{self.name}")
         self._referenced = values  # the state has their addresses
-        self.state: NDArray[np.int64] = np.array([*_data_addresses(p), p.d, *map(_as_integer, values)], dtype=np.int64)
+        self.state: NDArray[np.int64] = np.array(list(map(_as_integer, (p.P, p.q, p.d, *values))), dtype=np.int64)
         self._addresses = np.array(list(map(_as_integer, (self.state, self._loop.update, self._loop.solve))))
 
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
@@ -97,11 +97,8 @@ class CompiledLibrary(LibrarySolver):
 
     def remember(self, P: Matrix | None, q: Vector, x: Vector) -> None:
         super().remember(P, q, x)
-        self.state[:2] = _data_addresses(self.program)  # the arrays of the loop are released when it ends
-
-
-def _data_addresses(program: Any) -> tuple[int, int]:
-    return program.P.ctypes.data, program.q.ctypes.data
+        # the arrays of the loop are released when it ends
+        self.state[:2] = _as_integer(self.program.P), _as_integer(self.program.q)
 
 
 def _as_integer(value: Any) -> int:

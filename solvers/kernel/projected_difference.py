@@ -17,8 +17,6 @@ from solvers.built_in import Setting
 from solvers.core import bindings
 from solvers.kernel._descent import ProjectedGradient
 
-MOST_STEPS = 2**53
-
 
 class ProjectedDifference(ProjectedGradient):
     """Projected gradient with a fixed step, for problems with bounds only.
@@ -56,7 +54,7 @@ class ProjectedDifference(ProjectedGradient):
     fixed_settings: ClassVar[Mapping[str, Any]] = MappingProxyType({"steps": 15200})
     known = MappingProxyType(
         {
-            "steps": Setting(15200, MOST_STEPS, whole=True),
+            "steps": Setting(15200, 2**53, whole=True),
             "step_ratio": Setting(0.5),
             "allow_divergence": Setting(False),
             "diagonal_scaling": Setting(False),

@@ -177,13 +177,13 @@ def test_a_bound_touched_with_zero_multiplier_is_certified_either_way() -> None:
     for lower in ((), (0,)):
         for upper in ((), (1,)):
             verify(problem, replace(proof, lower=lower, upper=upper))
-    still = DoubleProblem.of(Problem(ZERO2, np.zeros(2), lb=np.zeros(2)))
+    still = DoubleProblem(Problem(ZERO2, np.zeros(2), lb=np.zeros(2)))
     assert [i for _, i in still.guess(np.zeros(2))] == [0, 1]  # without gradient and curvature it stays where it is
     # at the row and the upper bound, where x_1 alone is free and the multiplier of the row is 1
     held = Problem(
         I2, np.array([-3.0, -2.0]), np.ones((1, 2)), np.full(1, 2.0), lb=np.array([-9.0, 0.75]), ub=np.array([1.0, INF])
     )
-    assert DoubleProblem.of(held).guess(np.ones(2)) == [(Kind.UPPER, 0), (Kind.ROW, 0)]
+    assert DoubleProblem(held).guess(np.ones(2)) == [(Kind.UPPER, 0), (Kind.ROW, 0)]
 
 
 INFEASIBLE: list[tuple[dict[str, np.ndarray], str]] = [
@@ -301,7 +301,7 @@ def test_a_matrix_that_a_factorisation_in_doubles_proves_definite_is_definite_in
     U, D = np.linalg.qr(rng.normal(size=(d, d)))[0], 10.0 ** rng.uniform(-spread, spread, size=d)
     P = (U * 10.0 ** -np.linspace(0.0, decades, d)) @ U.T * np.outer(D, D)
     P = 0.5 * (P + P.T)
-    data = DoubleProblem.of(Problem(P, np.zeros(d)))
+    data = DoubleProblem(Problem(P, np.zeros(d)))
     if data._is_plainly_definite():
         assert exact_linear_algebra.semidefinite_rank(data._symmetric[0]) == d
     elif decades < 8.0:  # it recognises matrices that are not nearly singular
