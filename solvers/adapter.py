@@ -78,8 +78,6 @@ class Adapter(Solver):
     """Whether it takes no general rows."""
     refuses_fixed: ClassVar[bool] = False
     """Whether it cannot take a variable fixed by lb = ub."""
-    program: Program
-    rows: Any
     x: Vector
     """The last answer."""
 
@@ -242,8 +240,8 @@ class LibrarySolver(Adapter):
         self.refuse(status)
         return OK
 
-    def apply_settings(self, target: Any, **defaults: Any) -> None:
-        """Write the defaults and the settings into the library's own object.
+    def apply_settings(self, target: Any, **defaults: Any) -> Any:
+        """Write the defaults and the settings into the library's own object, and return it.
 
         Raises
         ------
@@ -254,6 +252,7 @@ class LibrarySolver(Adapter):
             if not hasattr(target, name):
                 raise ValueError(f"{self.name} has no setting {name}")
             setattr(target, name, value)
+        return target
 
     def refuse(self, flag: int) -> None:
         """Raise :class:`Unsupported` if the library refuses the data, which it does by a negative flag."""

@@ -60,7 +60,6 @@ class BuiltInSolver(Adapter):
     """The one that checks types and shapes of P and q, and takes them unless they are None; a status."""
     run: ClassVar[Callable[..., int]]
     """The one that solves, warm or cold; a status."""
-    _warm = False
     state: Any = None
     field: Mapping[str, Vector]
     """Views of the fields of the state, by their names in ``bindings_*.c``."""
@@ -73,6 +72,7 @@ class BuiltInSolver(Adapter):
             name: setting.checked(f"{self.name}: {name}", self.settings.get(name, setting.default))
             for name, setting in self.known.items()
         }
+        self._warm = self.options.get("warm", False)
 
     @abstractmethod
     def run_from(self, start: Vector | None) -> int:

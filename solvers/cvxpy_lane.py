@@ -100,9 +100,8 @@ class CvxpySolver(LibrarySolver):
             return Report(False, w, self._status)
         for numbers, sign, constraint in self._blocks:
             w[numbers] += sign * np.array(constraint.dual_value, dtype=np.float64)  # NaN for none
-        stats = self.model.solver_stats
-        reported_us = 1e6 * stats.solve_time if stats.solve_time else None
-        return Report(self._status == cp.OPTIMAL, w, self._status, stats.num_iters, reported_us)
+        stats, is_found = self.model.solver_stats, self._status == cp.OPTIMAL
+        return Report(is_found, w, self._status, stats.num_iters, 1e6 * stats.solve_time if stats.solve_time else None)
 
 
 make = behind(CvxpySolver, BACKENDS, INSTALLED)

@@ -258,7 +258,6 @@ def describe(entry: Entry) -> Described:
     if entry.path is not None:  # a user's own file changes without its package
         version = f"{version}+{file_digest(entry.path)}".lstrip("+")
     version = f"{version}, {cls.built_with}" if cls.built_with else version
-    ladder = tuple({**cls.fixed_settings, **rung} for rung in cls.ladder(1.0))
     return Described(
         entry.name,
         entry.lane,
@@ -266,7 +265,7 @@ def describe(entry: Entry) -> Described:
         version,
         cls.licence,
         cls.warm_startable,
-        ladder,
+        tuple({**cls.fixed_settings, **rung} for rung in cls.ladder(1.0)),
         dict(cls.fixed_settings),
         tuple(map(float, cls.exponents)),
     )

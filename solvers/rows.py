@@ -230,8 +230,7 @@ class Triangle:
         # Row by row through one triangle is column by column through the other, and P is symmetric.
         row, column = np.tril_indices(d) if upper else np.triu_indices(d)
         self.indices: Index = column.astype(np.int32)
-        counts = np.bincount(row, minlength=d)
-        self.indptr: Index = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
+        self.indptr: Index = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=d))]).astype(np.int32)
         self._flat = row * d + column
         self.shape = (d, d)
 

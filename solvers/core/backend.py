@@ -32,10 +32,6 @@ class BuildCore(build_ext):
         """Nothing to link: an editable install has its libraries in place."""
         return {}
 
-    def get_source_files(self) -> list[str]:
-        """The sources are package data."""
-        return []
-
 
 def _libraries() -> list[Path]:
     return [

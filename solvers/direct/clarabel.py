@@ -23,8 +23,7 @@ class Clarabel(LibrarySolver):
     form = Cones
 
     def build(self, p: Program, rows: Cones) -> None:
-        settings = clarabel.DefaultSettings()
-        self.apply_settings(settings, verbose=False, presolve_enable=False)
+        settings = self.apply_settings(clarabel.DefaultSettings(), verbose=False, presolve_enable=False)
         cones = [clarabel.ZeroConeT(rows.equal), clarabel.NonnegativeConeT(rows.unequal)]
         # The library reads the upper triangle; with a lower one it silently gives wrong answers.
         P = p.triangle.matrix(p.P)

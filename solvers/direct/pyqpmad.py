@@ -20,8 +20,7 @@ class Pyqpmad(LibrarySolver):
 
     def build(self, p: Program, rows: Stack) -> None:
         m = p.l.size - p.d
-        parameters = pyqpmad.SolverParameters()
-        self.apply_settings(parameters)
+        parameters = self.apply_settings(pyqpmad.SolverParameters())
         self._solver = pyqpmad.Solver()
         self._solver.reserve(p.d, p.d, m)
         self._x, self._work = np.zeros(p.d), np.empty((p.d, p.d))

@@ -26,9 +26,7 @@ class Qpalm(LibrarySolver):
         data = qpalm.Data(p.d, rows.l.size)
         data.Q, data.q = p.triangle.matrix(p.P), p.q
         data.A, data.bmin, data.bmax = self._R, rows.l, rows.u
-        settings = qpalm.Settings()
-        self.apply_settings(settings, verbose=False)
-        self._solver = qpalm.Solver(data, settings)
+        self._solver = qpalm.Solver(data, self.apply_settings(qpalm.Settings(), verbose=False))
 
     def pass_data(self, P: Matrix | None, q: Vector | None) -> None:
         if P is not None:

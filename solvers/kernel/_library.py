@@ -22,7 +22,6 @@ from solvers.protocol import Lane, Matrix, Vector
 
 CORE = ctypes.CDLL(bindings.__file__)
 """The library of the core, for symbols that its C files export."""
-TYPES = {"int": ctypes.c_int, "double": ctypes.c_double}
 Function = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
 
 
@@ -65,7 +64,7 @@ def structure(declarations: str) -> type[ctypes.Structure]:
     """
     lines = (line.split(maxsplit=1) for line in declarations.split(";") if line.strip())
     fields = [
-        (name.strip(" *\n"), ctypes.c_void_p if "*" in name else TYPES[kind])
+        (name.strip(" *\n"), ctypes.c_void_p if "*" in name else {"int": ctypes.c_int, "double": ctypes.c_double}[kind])
         for kind, names in lines
         for name in names.split(",")
     ]

@@ -75,10 +75,6 @@ class BoxActiveSet(BuiltInSolver):
     set_data = bindings.box_set_data
     run = bindings.box_solve
 
-    def __init__(self, **settings: Any) -> None:
-        super().__init__(**settings)
-        self._warm = self.options["warm"]
-
     def build(self, p: Program, rows: Stack) -> None:
         super().build(p, rows)
         self.x = self.field["answer"].view()
