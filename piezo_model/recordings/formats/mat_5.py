@@ -1,12 +1,9 @@
 """MATLAB files of versions 5 to 7, which SciPy reads when their size is known.
 
-A variable may be compressed a thousandfold, and an array in a cell or a field may state any shape. So compressed
-variables are first unpacked in chunks and discarded to find their size, and SciPy's reader is then checked at each
-header."""
+A variable may be compressed a thousandfold, and an array in a cell or a field may state any shape. So SciPy's reader is
+checked at each tag of a compressed variable, which states its size, and at each header of an array."""
 
 import math
-import struct
-import zlib
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +12,10 @@ from scipy.io.matlab._mio5_utils import VarReader5
 
 from piezo_model.recordings.table import check_size
 
-COMPRESSED, SPARSE = 15, 5
-"""Type of a compressed variable, and class of a matrix that is stored without its zeros."""
-CHUNK, ARRAY_BYTES = 1 << 10, 200
-"""Bytes that are unpacked at once, and memory of an array without values."""
+SPARSE = 5
+"""Class of a matrix that is stored without its zeros."""
+ARRAY_BYTES = 200
+"""Memory of an array without values."""
 
 
 def read_mat_5(path: Path, most: int | None = None, *, simplify: bool = True) -> dict[str, Any]:
@@ -27,14 +24,6 @@ def read_mat_5(path: Path, most: int | None = None, *, simplify: bool = True) ->
     with path.open("rb") as file:
         reader = _Reader(file, simplify_cells=simplify)
         reader.most = most
-        unpacked = file.seek(128)
-        while len(tag := file.read(8)) == 8:
-            kind, length = struct.unpack(f"{reader.byte_order}II", tag)
-            end, unpack = file.tell() + length, zlib.decompressobj()
-            while kind == COMPRESSED and (chunk := file.read(min(CHUNK, end - file.tell()))):
-                unpacked += len(unpack.decompress(chunk))
-                check_size(path, unpacked, most)
-            file.seek(end)
         return reader.get_variables()
 
 
@@ -48,6 +37,12 @@ class _Reader(MatFile5Reader):
 
 class _Arrays(VarReader5):
     size = 0
+
+    def read_full_tag(self) -> Any:
+        """Kind and bytes of a compressed variable, before it is unpacked."""
+        kind, size = super().read_full_tag()
+        check_size(self.path, size, self.most)
+        return kind, size
 
     def read_header(self, *arguments: Any) -> Any:
         """The header of a variable, or of an array in it, before its values are read."""
