@@ -34,6 +34,8 @@ class Arrays(NamedTuple):
     units: Mapping[str, str] = {}
     periods: Mapping[str, float | None] | float | None = None
     """Sampling period in seconds by name, or one for all."""
+    starts: Mapping[str, float] = {}
+    """Time of the first sample in seconds by name."""
     nested: bool = True
     """True if the names are paths."""
 
@@ -64,6 +66,7 @@ def table_of(path: Path | str, contents: Arrays) -> Table:
             array = np.broadcast_to(np.empty((), array.dtype), array.shape)
         for label, values in islice(_columns(name, array), MOST_COLUMNS + 1):
             about = {"kind": KINDS[values.dtype.kind], "rows": len(values), "sample_time": period}
+            about["start"] = contents.starts.get(name)
             columns[name, label] = Column.named(label, contents.units.get(name, ""), nested=contents.nested, **about)
     sources = [*columns]
     unread = [

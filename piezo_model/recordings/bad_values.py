@@ -48,46 +48,8 @@ def unknown(values: Vector) -> Mask:
     return ~(np.abs(values) < ABSURD)
 
 
-def drop_incomplete_end(rows: Rows) -> None:
-    """Drop the last rows if a value is missing in them.
-
-    Raises
-    ------
-    RecordingError
-        Missing times, or too many unknown values.
-    """
-    most = (MOST_MISSING if rows.length >= LEAST_ROWS else FILLED, MOST_MISSING)
-    columns = [(rows.time_label, rows.times, 0.0), *zip(rows.labels, rows.signals, most, strict=False)]
-    end = min(last_known(rows, *column) for column in columns)
-    if end < rows.length:
-        rows.repairs.append(f"incomplete rows at the end are left out: {rows.length - end}")
-        rows.select(np.arange(end))
-
-
-def last_known(rows: Rows, label: str, values: Vector, most_missing: float, arrays: bool = False) -> int:
-    """Number of rows up to the last known value; for ``arrays``, in which missing values must be NaN, all rows.
-
-    Raises
-    ------
-    RecordingError
-        A larger fraction of unknown values before that row.
-    """
-    bad = unknown(values)
-    end = values.size - (0 if arrays or not values.size else int(np.argmin(bad[::-1])))
-    too_many = bool(np.count_nonzero(bad[:end]) > most_missing * end)
-    if too_many and most_missing == MOST_MISSING:  # unless it is a sensor that is slower than the drive
-        spans = np.diff(np.flatnonzero(~bad))
-        too_many = bool(spans.size < FEWEST or spans.max() > 2.0 * np.median(spans))
-    if bad.any() and (end < 2 or too_many or (arrays and not np.isnan(values[bad]).all())):
-        raise _bad_value(rows, label, values)
-    return end
-
-
-def _kind(value: float) -> str:
-    return "missing" if math.isnan(value) else "infinite" if math.isinf(value) else f"{value:g}"
-
-
-def _bad_value(rows: Rows, label: str, values: Vector) -> RecordingError:
+def bad_value(rows: Rows, label: str, values: Vector) -> RecordingError:
+    """The first unknown value of a column, as an error."""
     bad = np.flatnonzero(unknown(values))
     absurd = ", which is too large for a measured value" if math.isfinite(values[bad[0]]) else ""
     in_all = f"; in all {bad.size} of {values.size} values are missing, infinite or implausible" if bad.size > 1 else ""
@@ -96,26 +58,41 @@ def _bad_value(rows: Rows, label: str, values: Vector) -> RecordingError:
     )
 
 
+def _kind(value: float) -> str:
+    return "missing" if math.isnan(value) else "infinite" if math.isinf(value) else f"{value:g}"
+
+
 def interpolate_unknown(rows: Rows) -> None:
-    """Interpolate unknown values, which do not count.
+    """Drop the rows after the last complete one, and interpolate unknown values of the signals, which do not count.
 
     Raises
     ------
     RecordingError
-        Too many unknown values of the drive, in all or in succession, or one in the first row.
+        An unknown time; unknown values of the drive in the first row, in many rows, or in succession; unknown outputs
+        in most rows, unless the sensor is slower than the drive.
     """
-    for k, label in enumerate(rows.labels):
-        if (bad := unknown(values := rows.signals[k])).any():
-            at, longest = np.flatnonzero(bad), np.diff(np.flatnonzero(~bad)).max(initial=1) - 1
-            if k == 0 and (bad[0] or longest > LONGEST_FILL or at.size > max(FILLED * rows.length, MOST_BAD)):
-                raise RecordingError(
-                    f"{_bad_value(rows, label, values)}; --from and --to read the rows before or after"
-                )
-            rows.repairs.append(
-                f"{label} is {_kind(values[at[0]])} in {rows.named(at)}: {at.size} of {rows.length} samples are "
-                "interpolated and not counted in the fit"
-            )
-            rows.replace(k, bad)
+    complete = np.flatnonzero(~np.any([unknown(values) for values in (rows.times, *rows.signals)], axis=0))
+    if complete.size and complete[-1] < rows.length - 1:
+        rows.repairs.append(f"incomplete rows at the end are left out: {rows.length - 1 - complete[-1]}")
+        rows.select(np.arange(complete[-1] + 1))
+    columns = [(rows.time_label, rows.times), *zip(rows.labels, rows.signals, strict=True)]
+    for k, (label, values) in enumerate(columns, start=-1):
+        if not (bad := unknown(values)).any():
+            continue
+        at, steps = np.flatnonzero(bad), np.diff(np.flatnonzero(~bad))
+        if k > 0:
+            slower = steps.size >= FEWEST and steps.max() <= 2.0 * np.median(steps)
+            too_many = at.size > MOST_MISSING * rows.length and not slower
+        else:
+            most = max(FILLED * rows.length, MOST_BAD * (rows.length >= LEAST_ROWS))
+            too_many = k < 0 or bad[0] or steps.max(initial=1) > LONGEST_FILL + 1 or at.size > most
+        if too_many:
+            raise RecordingError(f"{bad_value(rows, label, values)}; --from and --to read the rows before or after")
+        rows.repairs.append(
+            f"{label} is {_kind(values[at[0]])} in {rows.named(at)}: {at.size} of {rows.length} samples are "
+            "interpolated and not counted in the fit"
+        )
+        rows.replace(k, bad)
 
 
 def discount_held_outputs(rows: Rows) -> None:

@@ -28,8 +28,8 @@ SAME_RATE, MOST_CHANGE = 16, 1.05
 WALK = 4.0
 """Standard deviations of a random walk of digits, beyond which it is another rate."""
 MOST_DECIMALS = 15
-FEW, HIDDEN = 8, 0.1
-"""Fewest times that determine a digit; largest digit that determines the period, relative to the duration."""
+FEW = 8
+"""Fewest times that determine a digit."""
 SINGLE_GRID = 0.1
 """Largest distance from the grid of single precision, relative to its spacing."""
 
@@ -80,13 +80,15 @@ def sampling(rows: Rows, tolerance: float, even: bool = True) -> float:
     """
     times, head, n, duration = rows.times, rows.times[:WINDOW], rows.length, float(rows.times[-1] - rows.times[0])
     for at in np.flatnonzero(times[1:] < times[:-1])[:1] + 1:
-        before, after = map(rows.seconds, times[at - 1 : at + 1])
-        raise rows.refusal(f"runs backwards in {rows.where(int(at))}: {after} follows {before}; sort the rows by time")
+        raise rows.refusal(
+            f"runs backwards in {rows.where(int(at))}: {rows.seconds(times[at])} follows "
+            f"{rows.seconds(times[at - 1])}; sort the rows by time"
+        )
     mean, (digit, exact) = duration / (n - 1), printed_digit(head)
     period = float(head[-1] - head[0]) / (head.size - 1)
     shows = _rounding_shows(np.diff(head), tolerance * period, period / digit)
     resolution = digit if shows else exact
-    if period == 0.0 or resolution > HIDDEN * duration:
+    if period == 0.0 or resolution > tolerance * duration:
         raise rows.refusal(
             f"stands still from {rows.where(0)} on, at {rows.seconds(times[0])}, or moves by few of its last digits; "
             "--time none and --sample-time state the period"
@@ -103,12 +105,20 @@ def sampling(rows: Rows, tolerance: float, even: bool = True) -> float:
         resolution = max(resolution, later if shows or later > digit else exact)
     hidden = [*((stride, resolution) for stride in strides), (n // 2, WALK * resolution * math.sqrt(n // 2))]
     for stride, least in hidden if even else ():
-        _refuse_uneven(rows, stride, period, least + stride * (tolerance * period + error))
-    if resolution > tolerance * duration:
-        rows.remarks.append(
-            f"{rows.time_label} has steps of {rows.seconds(resolution)}, so that the sampling period may be off by "
-            f"{100.0 * resolution / duration:.2g} %"
-        )
+        allowed = least + stride * (tolerance * period + error)
+        excess = times[stride:] - times[:-stride] - stride * period
+        for at in np.flatnonzero(np.abs(excess) > allowed)[:1]:
+            rates = [float(np.median(np.diff(window))) for window in (times[: SAME_RATE + 1], times[-SAME_RATE - 1 :])]
+            sentence = (
+                f"has two sampling rates: one sample every {rows.seconds(rates[0])} at its start and one every "
+                f"{rows.seconds(rates[1])} at its end"
+                if max(rates) > MOST_CHANGE * min(rates) > 0.0
+                else f"is not sampled uniformly: {rows.seconds(times[at + stride] - times[at])} from "
+                f"{rows.where(int(at))} to {rows.where(int(at) + stride)}, where {rows.seconds(stride * period)} is "
+                f"expected within {rows.seconds(allowed)}"
+            )
+            finest = min([period, *filter(None, rates)]) * rows.unit
+            raise rows.refusal(f"{sentence}; --resample {finest:.6g} interpolates to an even clock")
     check_sample_time(f"{rows.path}: {rows.time_label}: ", mean * rows.unit)
     return _shortest(mean * rows.unit, (resolution / (n - 1) + 1e-9 * mean) * rows.unit)
 
@@ -119,36 +129,6 @@ def _rounding_shows(steps: Vector, tolerated: float, digits: float) -> bool:
     unequal = np.abs(steps - np.median(steps)) > tolerated
     divides = abs(digits - round(digits)) <= min(1.5 / steps.size, 0.15)
     return round(digits) == 0 or not divides or int(np.count_nonzero(unequal)) > max(3, 0.05 * steps.size)
-
-
-def _refuse_uneven(rows: Rows, stride: int, period: float, allowed: float) -> None:
-    times = rows.times
-    excess = times[stride:] - times[:-stride]
-    excess -= stride * period
-    if not excess.size or max(float(excess.max()), -float(excess.min())) <= allowed:
-        return
-    at = int(np.argmax(np.abs(excess) > allowed))
-    step, place = times[at + stride] - times[at], rows.where(at + stride)
-    rates = [float(np.median(np.diff(window))) for window in (times[: SAME_RATE + 1], times[-SAME_RATE - 1 :])]
-    if min(rates) > 0.0 and max(rates) > MOST_CHANGE * min(rates):
-        sentence = (
-            f"has two sampling rates: one sample every {rows.seconds(rates[0])} at its start and one every "
-            f"{rows.seconds(rates[1])} at its end"
-        )
-    elif excess[at] > period / 2:
-        missing = max(1, round(float(excess[at]) / period))
-        sentence = (
-            f"has a gap of {rows.seconds(step)} before {place}: about {missing} "
-            f"sample{'s' if missing > 1 else ''} missing at one every {rows.seconds(period)}"
-        )
-    else:
-        sentence = (
-            f"is not sampled uniformly: {rows.seconds(step)} from {rows.where(at)} to {place}, where "
-            f"{rows.seconds(stride * period)} is expected within {rows.seconds(allowed)}"
-        )
-    raise rows.refusal(
-        f"{sentence}; --resample {min([period, *filter(None, rates)]) * rows.unit:.6g} interpolates to an even clock"
-    )
 
 
 def _shortest(value: float, uncertainty: float) -> float:

@@ -165,6 +165,8 @@ def regions_of(blocks: Iterable[str], dialect: Dialect, size: Callable[[str], in
                 if names is not None and not key <= regions[-1].key:
                     titles = [row for at, row in above if at < names and len(dialect.split(row)) == 1]
                     title = printable("".join(titles[-1:]).strip(MARKS))[:LONGEST_TITLE]
+                    if regions[-1].rows < FEW_ROWS:
+                        end = regions[-1].line, regions.pop().begin
                     regions.append(Region(*end, names - end[0], title, key=key))
                 regions[-1].rows += (text.count("\n") or text.count("\r")) if plain else 1
                 regions[-1].width = regions[-1].width or len(kinds)
@@ -173,12 +175,6 @@ def regions_of(blocks: Iterable[str], dialect: Dialect, size: Callable[[str], in
                 above = [*above[-SETTINGS:], (line, text)]
             line, begin = line + ((text.count("\n") or text.count("\r")) if plain else 1), begin + size(text)
             end = end if above else (line, begin)
-    for k in reversed(range(len(regions) - 1)):
-        upper, lower = regions[k : k + 2]
-        if upper.rows < min(FEW_ROWS, lower.rows):
-            lower.names += lower.line - upper.line
-            lower.line, lower.begin = upper.line, upper.begin
-            del regions[k]
     return regions
 
 
@@ -234,7 +230,9 @@ def layout_of(
         for k, row in rows.items()
         if all(kind not in VALUES or cell in (kind, "empty") for cell, kind in zip(row, kinds, strict=True))
     )
-    start = _with_damaged_rows(dialect, lines, next(good, min(rows)), kinds, first)
+    start = next(good, min(rows))
+    while ("number", "number") in zip(rows.get(start - 1, ()), kinds, strict=False):  # a damaged row, not a header
+        start -= 1
     header, names, units, glued = _headed(lines, dialect, start, kinds, header_row)
     if header_row and header != header_row - 1:
         return None
@@ -312,17 +310,6 @@ def _commonest(kinds: Sequence[Kind]) -> Kind:
     return max(counts, key=lambda kind: (kind != "empty", counts[kind], WORTH[kind]))
 
 
-def _with_damaged_rows(dialect: Dialect, lines: Sequence[str], start: int, kinds: Sequence[Kind], first: int) -> int:
-    """Include lines above the first good row that are damaged rows, not a header, since some of their cells are
-    numbers."""
-    while start > first and lines[start - 1].strip():
-        above = dialect.kinds(lines[start - 1])
-        if len(above) != len(kinds) or ("number", "number") not in zip(above, kinds, strict=True):
-            break
-        start -= 1
-    return start
-
-
 def _named_by_settings(rows: Sequence[Sequence[str]], kinds: Sequence[Kind]) -> dict[int, tuple[str, str]]:
     """Names and units of columns, from the settings that an oscilloscope (Tektronix TDS) writes next to the first rows,
     name and value in two columns to the left of time and signal."""
@@ -361,18 +348,15 @@ def _headed(
     return at, names, units, 0
 
 
-def _glued(dialect: Dialect, line: str, kinds: Sequence[Kind]) -> tuple[tuple[str, ...], int] | None:
+def _glued(dialect: Dialect, line: str, kinds: Sequence[Kind]) -> tuple[Sequence[str], int] | None:
     """Names in a header that is followed by the first row in the same line, as afmformats once wrote it, and the start
-    of that row."""
-    width, cells = len(kinds), dialect.split(_uncommented(dialect, line))
-    if len(cells) != 2 * width - 1 or width < 2 or dialect.separator == " ":
+    of that row, at a number behind a letter of the last name."""
+    text, cell = _uncommented(dialect, line), f"[^{re.escape(dialect.separator)}]*"
+    last = rf"{cell}?[^\W\d](?=[+-]?[\d.])"
+    joint = re.match(f"(?:{cell}{re.escape(dialect.separator)}){{{len(kinds) - 1}}}{last}", text)
+    if joint is None or len(kinds) == 1 or dialect.kinds(text[joint.end() :]) != [*kinds]:
         return None
-    joint = re.fullmatch(r"(\D{0,99}?\w?[^\W\d][^\d.+-]{0,99})([+-]?[\d.].*)", cells[width - 1])
-    row = [joint[2], *cells[width:]] if joint else []
-    if not joint or any(dialect.kind(cell) != kind for cell, kind in zip(row, kinds, strict=True)):
-        return None
-    tail = len(dialect.separator.join(line.rstrip("\r\n").split(dialect.separator)[width:])) + 1
-    return (*cells[: width - 1], joint[1].strip()), len(line.rstrip("\r\n")) - tail - len(joint[2])
+    return dialect.split(joint[0]), line.index(text) + joint.end()
 
 
 def _all_units(cells: Sequence[str]) -> bool:

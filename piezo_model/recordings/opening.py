@@ -19,7 +19,6 @@ import numpy as np
 
 from piezo_model.recordings.bad_values import (
     discount_held_outputs,
-    drop_incomplete_end,
     interpolate_unknown,
     replace_bad_samples,
 )
@@ -33,7 +32,6 @@ from piezo_model.recordings.rows import (
     drop_repeats,
     refuse_sorted,
     run_starts,
-    sort_by_time,
 )
 from piezo_model.recordings.table import FEW_ROWS, RecordingError, Table
 from piezo_model.units import LENGTHS, PREFIXES, VOLTAGES, canonical, seconds
@@ -125,6 +123,12 @@ def read_signals(
             f"{stated:g} and {others[0]:g} s; resample one of them"
         )
     period = options.sample_time or stated or 1.0
+    starts = [start for k in signals.values() if (start := table.columns[k].start) is not None]
+    if starts and max(starts) - min(starts) > (stated or 0.0) / 2.0:
+        raise RecordingError(
+            f"{table.path}: {' and '.join(repr(table.names[k]) for k in signals.values())} start "
+            f"{max(starts) - min(starts):.3g} s apart by the times of their waveforms; a row needs samples of one time"
+        )
     selected, kept = _selected_rows(table, time, unit, period, options)
     columns = dict(zip(roles.columns, table.read([*roles.columns.values()], selected), strict=True))
     first, step = selected.start or 0, selected.step or 1
@@ -180,8 +184,6 @@ def read_signals(
 
 def _sampled(rows: Rows, period: float, options: ReadOptions) -> float:
     """Turn rows into even samples, in place; returns their sampling period, which is known for rows without times."""
-    drop_incomplete_end(rows)
-    sort_by_time(rows)
     interpolate_unknown(rows)
     begin_parts(rows, even=options.resample is None)
     drop_repeats(rows)
@@ -320,7 +322,7 @@ def _selected_rows(
     if rows.size < 2:
         raise RecordingError(
             f"{table.path}: has {rows.size} rows between --from {low:g} and --to {high:g} (seconds after its first "
-            f"time); it lasts {np.nanmax(since):g} s"
+            f"time); its times rise for {np.nanmax(since):g} s"
         )
     selected = slice(int(rows[0]), int(rows[-1]) + 1, options.decimate)
     return selected, np.flatnonzero(inside[selected])

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from piezo_model import checks
 from piezo_model.recordings.array_table import Arrays, table_of
-from piezo_model.recordings.bad_values import MOST_MISSING, last_known
+from piezo_model.recordings.bad_values import MOST_MISSING, bad_value, unknown
 from piezo_model.recordings.opening import GUESS, joined, open_table, read_signals
 from piezo_model.recordings.options import ReadOptions
 from piezo_model.recordings.rows import Rows
@@ -195,12 +195,10 @@ class Recording(Source):
         for role, label, values in zip(("input", "output"), rows.labels, rows.signals, strict=True):
             low, high = (values.min(), values.max()) if values.size else (0.0, 0.0)
             if high - low < 2.0 * SMALLEST:
-                fault = (
-                    f"is constant, all {values.size} values are {low:g}"
-                    if low == high
-                    else f"has a range of {high - low:g}, which is too small"
+                raise RecordingError(
+                    f"{rows.path}: {' '.join(dict.fromkeys((role, label)))} is constant, all {values.size} values are "
+                    f"{low:g}" + f" to {high:g}" * bool(high > low)
                 )
-                raise RecordingError(f"{rows.path}: {' '.join(dict.fromkeys((role, label)))} {fault}")
         x, y = rows.signals
         for array in (x, y, rows.uncounted):
             array.flags.writeable = False
@@ -246,10 +244,12 @@ class Recording(Source):
         with checks.refusing(RecordingError, f"{name}: "):
             signals = [np.copy(signal) for signal in checks.vectors(input=x, output=y)]
         rows = Rows(name, ["input", "output"], signals, "sample {}".format, np.arange(signals[0].size, dtype=float))
-        for label, signal, most in zip(rows.labels, rows.signals, (0.0, MOST_MISSING), strict=True):
-            last_known(rows, label, signal, most, arrays=True)
-        if (missing := np.isnan(rows.signals[1])).any():
+        missing = np.isnan(rows.signals[1])
+        if missing.any() and np.count_nonzero(missing) <= MOST_MISSING * rows.length:
             rows.replace(1, missing)
+        for label, signal in zip(rows.labels, rows.signals, strict=True):
+            if unknown(signal).any():
+                raise bad_value(rows, label, signal)
         return cls._of({"name": name, "sample_time": float(sample_time)}, rows, (input_unit, output_unit))
 
     @property

@@ -245,14 +245,12 @@ def _find_signals(roles: Roles) -> None:
     if {"input", "output"} <= roles.columns.keys():
         return
     _find_time_by_values(roles)
-    varying = [k for k in signals if k in roles.rises]
-    likely = [k for k in likely if k in varying]
+    likely = [k for k in likely if k in roles.rises]
     _find_signals_by_name(roles, likely)
-    for group in (likely, varying):
-        free = [k for k in group if k not in roles.columns.values()]
-        absent = [role for role in ("input", "output") if role not in roles.columns]
-        if absent == ["input"] or (absent == ["output"] and not any(is_setpoint(columns[k]) for k in free)):
-            roles.assign(absent[0], free, "as the only one left")
+    left = [k for k in likely if k in roles.free()]
+    absent = [role for role in ("input", "output") if role not in roles.columns]
+    if absent == ["input"] or (absent == ["output"] and not any(is_setpoint(columns[k]) for k in left)):
+        roles.assign(absent[0], left, "as the only one left")
 
 
 def _find_signals_by_name(roles: Roles, likely: Sequence[int]) -> None:

@@ -58,7 +58,7 @@ class Rows:
         return self.signals[0].size
 
     def select(self, selection: Index) -> None:
-        """Keep some rows, in this order; a part starts at the first of its remaining rows."""
+        """Keep some rows; a part starts at the first of its remaining rows."""
         where = self.where
         self.where = lambda row: where(int(selection[row]))
         self.signals = [signal[selection] for signal in self.signals]
@@ -83,24 +83,6 @@ class Rows:
     def named(self, at: Index, most: int = 3) -> str:
         """Names of the first of some rows, for a sentence."""
         return ", ".join(self.where(int(row)) for row in at[:most]) + f" and {at.size - most} more" * (at.size > most)
-
-
-def sort_by_time(rows: Rows) -> None:
-    """Put rows that are sorted by a signal, or by falling times, in the order of their times."""
-    times = rows.times
-    if (times[1:] >= times[:-1]).all():
-        return
-    if _monotonic(times) or (np.unique(times).size == times.size and any(map(_monotonic, rows.signals))):
-        rows.repairs.append("its rows were not in the order of their times, and were sorted by time")
-        rows.select(np.lexsort((-np.arange(rows.length), times)))
-        rows.starts = [0]
-
-
-def run_starts(times: Vector) -> list[int]:
-    """The first row of each run of rising times, or of falling times if most of them fall."""
-    steps = np.diff(times)
-    against = steps < 0.0 if 2 * np.count_nonzero(steps < 0.0) < steps.size else steps > 0.0
-    return [0, *(np.flatnonzero(against) + 1).tolist()]
 
 
 def refuse_sorted(rows: Rows) -> None:
@@ -128,6 +110,11 @@ def _monotonic(values: Vector) -> bool:
     """True if the known values never rise or never fall, and are not constant."""
     steps = np.diff(values[~np.isnan(values)])
     return bool(((steps >= 0.0).all() or (steps <= 0.0).all()) and steps.any())
+
+
+def run_starts(times: Vector) -> list[int]:
+    """The first row of each run of rising times."""
+    return [0, *(np.flatnonzero(np.diff(times) < 0.0) + 1).tolist()]
 
 
 def begin_parts(rows: Rows, even: bool = True) -> None:

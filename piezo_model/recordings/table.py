@@ -54,6 +54,8 @@ class Column:
     """Number of rows, if the format states it."""
     sample_time: float | None = None
     """Sampling period in seconds, if the file states it."""
+    start: float | None = None
+    """Time of the first row in seconds, if the file states it."""
     nested: bool = False
     """Whether the name is a path, ``group/channel``."""
 

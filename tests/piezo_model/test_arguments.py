@@ -382,7 +382,7 @@ OF: dict[str, tuple[Callable[..., object], tuple[tuple[dict[str, Any], str], ...
             ({"x": [2, 2, 2]}, "input is constant, all 3 values are 2"),
             ({"sample_time": 0.0}, "the sampling period must be from 1e-09 to 1e.09 s, not 0.0"),
             ({"sample_time": 1e308}, "the sampling period must be from"),
-            ({"y": [1e-300, 0, 0]}, "output has a range of 1e-300, which is too small"),
+            ({"y": [1e-300, 0, 0]}, "output is constant, all 3 values are 0 to 1e-300"),
             ({"sample_time": np.nan}, "the sampling period must be from 1e-09 to 1e.09 s, not nan"),
         ),
     ),

@@ -184,15 +184,10 @@ def test_rounding_of_printed_times_and_jitter_within_the_tolerance_are_no_irregu
     assert recording.sample_time == pytest.approx(sample_time, rel=rel)
 
 
-@pytest.mark.parametrize(
-    ("rows", "remarks"),
-    [(601, ("time column 'time_s' has steps of 1 s, so that the sampling period may be off by 1.7 %",)), (2401, ())],
-)
-def test_a_clock_of_few_steps_is_reported_with_the_uncertainty_of_the_period(
-    tmp_path: Path, rows: int, remarks: tuple[str, ...]
-) -> None:
-    times = [f"12:{k // 600:02d}:{k // 10 % 60:02d}" for k in range(rows)]
-    assert Recording.open(with_times(tmp_path, times)).remarks == remarks
+def test_a_clock_of_so_few_steps_that_the_period_is_uncertain_is_refused(tmp_path: Path) -> None:
+    times = [f"12:{k // 600:02d}:{k // 10 % 60:02d}" for k in range(2401)]
+    assert Recording.open(with_times(tmp_path, times)).sample_time == 0.1
+    assert "moves by few of its last digits; --time none" in refusal(with_times(tmp_path, times[:601]))
 
 
 def test_rows_that_are_written_twice_are_dropped_where_the_last_digit_is_a_period_long(tmp_path: Path) -> None:
@@ -223,7 +218,7 @@ def test_binary_times_that_rounding_alone_makes_uneven_are_uniform(
 def test_a_gap_between_two_chunks_is_found(tmp_path: Path) -> None:
     times = signals(70_000)["time_s"] + 0.02 * (np.arange(70_000) >= 65_536)
     write_table(tmp_path / "s.parquet", {**signals(70_000), "time_s": times})
-    assert "has a gap of 0.025 s before data row 65537: about 4 samples missing" in refusal(tmp_path / "s.parquet")
+    assert "0.025 s from data row 65536 to data row 65537, where 0.005 s" in refusal(tmp_path / "s.parquet")
 
 
 @pytest.mark.parametrize("period", [2e-4, 1e-3, 3.3e-4])

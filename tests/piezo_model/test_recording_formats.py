@@ -238,6 +238,35 @@ def made(folder: Path, name: str) -> Path:
     return path
 
 
+@pytest.mark.parametrize(
+    ("late", "refused"),
+    [
+        ({"wf_start_time": np.datetime64("2026-01-31T12:00:00.010", "us")}, True),
+        ({"wf_start_offset": 0.01}, True),
+        ({"wf_start_offset": PERIOD / 4}, False),
+    ],
+)
+def test_waveforms_that_start_apart_are_not_paired_row_by_row(
+    tmp_path: Path, late: dict[str, Any], refused: bool
+) -> None:
+    begin = {
+        "wf_start_time": np.datetime64("2026-01-31T12:00:00", "us"),
+        "wf_start_offset": 0.0,
+        "wf_increment": PERIOD,
+    }
+    starts = {"Drive": begin, "Sensor": {**begin, **late}}
+    tdms(
+        [
+            nptdms.ChannelObject("Stage", name, values, properties=starts[name])
+            for name, values in (("Drive", X), ("Sensor", Y))
+        ]
+    )(path := tmp_path / "stage.tdms")
+    if refused:
+        assert "'Drive' and 'Sensor' start 0.01 s apart" in refusal(path)
+    else:
+        np.testing.assert_array_equal(Recording.open(path).y, Y)
+
+
 @pytest.mark.parametrize("name", FORMATS)
 def test_every_format_gives_the_clean_arrays_and_the_units_that_it_keeps(tmp_path: Path, name: str) -> None:
     columns, unnamed = FORMATS[name][1], ("HDF5 matrix", "MAT 5 matrix", "MAT 5 cells", "NPY")
@@ -358,10 +387,13 @@ def test_a_file_that_was_read_can_be_written_again(tmp_path: Path) -> None:
             {},
             "is neither plain text nor in a format that is read: Parquet, Arrow, NumPy, HDF5, MATLAB, Excel",
         ),
-        (
-            hdf5({"t": T, "u": X, "y": np.round(1e3 * Y)}, {"y": {"scale_factor": 1e-3}}),
-            {},
-            "cannot tell which column is the output; its columns are 't', 'u'; name it with --output",
+        *(
+            (
+                hdf5({"t": T, "u": X, "y": np.round(1e3 * Y)}, {"u": {scale: 1.0}, "y": {scale: 1e-3}}),
+                {},
+                "cannot tell which column is the output; its columns are 't', 'u'; name it with --output",
+            )
+            for scale in ("scale_factor", "scale")
         ),
         *(
             (
@@ -386,7 +418,7 @@ def test_a_file_that_was_read_can_be_written_again(tmp_path: Path) -> None:
             "'Drive' and 'Sensor' are sampled every 0.0005 and 0.001 s; resample one of them",
         ),
     ],
-    ids=range(12),
+    ids=range(13),
 )
 def test_a_file_without_columns_or_rows_of_numbers_is_refused_with_what_it_holds_or_what_is_read(
     tmp_path: Path, write: Callable[[Path], object], options: dict[str, str], sentence: str

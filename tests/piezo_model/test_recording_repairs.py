@@ -82,13 +82,6 @@ REPAIRED: dict[str, tuple[str, str, slice, int]] = {
         slice(0),
         2,
     ),
-    "rows sorted by the drive": (table(T[SLOW], X[SLOW], Y[SLOW]), "not in the order of their times", slice(0), 0),
-    "rows in falling time, bars": (
-        table(T[::-1], X[::-1], Y[::-1], separator="|"),
-        "order of their times",
-        slice(0),
-        0,
-    ),
     "a logger quicker than its clock": (
         table(np.repeat(T, 3), np.repeat(X, 3), np.repeat(Y, 3)),
         "4000 of 6000 rows repeat the time",
@@ -168,7 +161,9 @@ SPOILED: dict[str, tuple[str, dict[str, Any], str]] = {
     ),
     "times that are missing": (table(changed(T, 40), X, Y), {}, "time_s' is missing in row 42"),
     "a time that jumps": (table(changed(T, 40, 3.0), X, Y), {}, "runs backwards in row 43"),
-    "a short gap": (table(T + 0.02 * (T > 6), X, Y), {}, "has a gap of 0.025 s before row"),
+    "rows sorted by the drive": (table(T[SLOW], X[SLOW], Y[SLOW]), {}, "backwards in row .*; sort the rows by time"),
+    "rows in falling time": (table(T[::-1], X[::-1], Y[::-1]), {}, "runs backwards in row 3 .*; sort the rows by time"),
+    "a short gap": (table(T + 0.02 * (T > 6), X, Y), {}, "0.025 s from row 120[12] .* to row 120[23]"),
     "sweeps at two rates": (
         table(T, X, Y) + table(T * 2, X, Y),
         {},

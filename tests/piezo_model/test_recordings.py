@@ -143,7 +143,7 @@ def test_a_reference_may_be_constant_or_one_column_of_a_given_period(
     ("lines", "sentence"),
     [
         (("time_s,a,b", "0,1,2", "1,2,3"), "which column is the reference.*name it with --reference"),
-        (("time_s,ref", "0,1", "1,"), r"'ref' is missing in row 3"),
+        (("time_s,ref", "0,1", "1,"), r"has 1 data row, and a recording needs two"),
         (("time_s,ref", *(f"{max(k - 1, 0)},{k}" for k in range(12))), r"0 s from row 2 .* to row 3"),
     ],
 )

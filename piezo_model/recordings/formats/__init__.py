@@ -30,16 +30,12 @@ def begins(*marks: bytes) -> Callable[[Path, bytes], bool]:
     return lambda path, head: head.startswith(marks)
 
 
-def holds(member: str) -> Callable[[Path, bytes], bool]:
-    """A test of whether a file is an archive with a member whose name ends with ``member``."""
-
-    def recognises(path: Path, head: bytes) -> bool:
-        if not (head.startswith(b"PK\x03\x04") and zipfile.is_zipfile(path)):
-            return False
-        with zipfile.ZipFile(path) as archive:
-            return any(name.endswith(member) for name in archive.namelist())
-
-    return recognises
+def members(path: Path, head: bytes) -> list[str]:
+    """Names in an archive; none of another file."""
+    if not (head.startswith(b"PK\x03\x04") and zipfile.is_zipfile(path)):
+        return []
+    with zipfile.ZipFile(path) as archive:
+        return archive.namelist()
 
 
 class Format(NamedTuple):
@@ -63,8 +59,17 @@ FORMATS = (
         open_stream,
     ),
     Format("a NumPy file", begins(b"\x93NUMPY"), read_npy),
-    Format("an archive of NumPy", holds(".npy"), read_npz),
-    Format("an Excel workbook", holds("xl/workbook.xml"), open_workbook, takes=("header_row", "table")),
+    Format(
+        "an archive of NumPy",
+        lambda path, head: any(name.endswith(".npy") for name in members(path, head)),
+        read_npz,
+    ),
+    Format(
+        "an Excel workbook",
+        lambda path, head: "xl/workbook.xml" in members(path, head),
+        open_workbook,
+        takes=("header_row", "table"),
+    ),
     Format(
         "an HDF5 file",
         lambda path, head: any(head[at : at + 8] == b"\x89HDF\r\n\x1a\n" for at in (0, 512, 1024, 2048, 4096)),

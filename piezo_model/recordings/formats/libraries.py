@@ -16,7 +16,7 @@ TDMS of National Instruments, by npTDMS: channels are ``group/channel``, and a w
 import logging
 import math
 import zipfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,9 @@ from piezo_model.recordings.table import RecordingError, check_size
 ATTRIBUTES = ("Unit", "Units", "unit", "units")
 """Names of the attribute with the unit; the last one present is used."""
 NAMES, VALUES, FIELD_UNITS = ("name", "label", "title"), ("data", "values", "value", "y"), ("unit", "units")
+SCALES = {"scale_factor": 1.0, "add_offset": 0.0, "scale": 1.0}
+"""Attributes by which the values of a dataset must be scaled (the first two of NetCDF), and values that change
+nothing."""
 AT_ONCE, MOST_UNITS = 320_000_000, 16
 """Most bytes of the datasets of an HDF5 file that are read at once; most units of a dataset."""
 PROPERTIES = ("unit_string", "NI_UnitDescription", "unit", "Unit")
@@ -54,9 +57,12 @@ def read_hdf5(path: Path) -> Arrays:
 
     datasets: list[Any] = []
     file = h5py.File(path, "r")  # its datasets keep it open
-    refuse_other_files(path, file)
     file.visititems(lambda name, item: datasets.append(item) if isinstance(item, h5py.Dataset) else None)
     datasets = [item for item in datasets if not item.name.startswith("/#")]  # MATLAB's references
+    for item in datasets:
+        if item.external or item.is_virtual:  # it could show the bytes of any file on this machine
+            raise RecordingError(f"{path}: {item.name[1:]!r} links to another file; only values stored in it are read")
+    scaled = [item for item in datasets if any(np.any(item.attrs.get(key, one) != one) for key, one in SCALES.items())]
     # a chunk is unpacked as a whole
     check_size(path, max((math.prod(item.chunks or ()) * item.dtype.itemsize for item in datasets), default=0))
     # of a record the fields whose cells have a size; many cells can refer to one long text
@@ -68,26 +74,13 @@ def read_hdf5(path: Path) -> Arrays:
         else item
         for item in datasets
         if max(item.shape or (0,)) > 1 and (item.dtype.names or item.dtype.kind in "iufbc")
-        if item.attrs.get("MATLAB_class") != b"char"
-        and {"scale_factor", "add_offset"}.isdisjoint(item.attrs)  # of NetCDF
+        if item.attrs.get("MATLAB_class") != b"char" and item not in scaled
     }
     period = _stated([file, *(item.parent for item in datasets), *datasets], datasets)
     if sum(array.size * array.dtype.itemsize for array in arrays.values()) <= AT_ONCE:
         arrays = {name: array[()] for name, array in arrays.items()}
-    return Arrays("HDF5", arrays, {item.name.lstrip("/"): _unit(item) for item in datasets}, period)
-
-
-def refuse_other_files(path: Path, file: Any) -> None:
-    """Refuse an HDF5 file that refers to other files, since it could show the bytes of any file on this machine."""
-    import h5py
-
-    def elsewhere(name: str, item: Any) -> str | None:  # None goes on
-        outside = isinstance(item, h5py.Dataset) and (item.external or item.is_virtual)
-        return name if outside or isinstance(item, h5py.ExternalLink) else None
-
-    name = file.visititems(elsewhere) or file.visititems_links(elsewhere)
-    if name is not None:
-        raise RecordingError(f"{path}: {name!r} links to another file; only values stored in the file are read")
+    form = "HDF5" + f", without {', '.join(repr(item.name[1:]) for item in scaled)}, to be scaled" * bool(scaled)
+    return Arrays(form, arrays, {item.name.lstrip("/"): _unit(item) for item in datasets}, period)
 
 
 def _stated(holders: Sequence[Any], datasets: Sequence[Any]) -> float | None:
@@ -186,8 +179,18 @@ def read_tdms(path: Path) -> Arrays:
             for name, channel in channels.items()
             if isinstance(step := channel.properties.get("wf_increment"), float) and step
         },
+        {name: start for name, channel in channels.items() if (start := _start(channel.properties)) is not None},
         nested=len(groups) > 1,
     )
+
+
+def _start(properties: Mapping[str, Any]) -> float | None:
+    """Start of a waveform in seconds, if it is stated."""
+    from nptdms.timestamp import TdmsTimestamp
+
+    time, offset = properties.get("wf_start_time"), properties.get("wf_start_offset")
+    seconds = time.seconds + time.second_fractions * 2.0**-64 if isinstance(time, TdmsTimestamp) else 0.0
+    return seconds + (offset if isinstance(offset, float) else 0.0) or None
 
 
 def _exact(values: Any) -> np.ndarray:

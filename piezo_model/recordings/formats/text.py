@@ -8,7 +8,7 @@ as an editor counts it."""
 import codecs
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice, takewhile
 from pathlib import Path
@@ -161,10 +161,8 @@ class TextRows:
                 if dialect.kind(cell) in ("number", "empty"):
                     continue
                 shown = repr(cell if len(cell) <= 40 else cell[:37] + "…")
-                start = f"{self.source.path}: column {columns[at].name!r} holds {shown} in {place}"
-                if dialect.decimal == "." and replace(dialect, decimal=",").kind(cell) == "number":
-                    return f"{start}, a decimal comma while the other numbers have points"
-                return f"{start}, where a number is needed" + (", not a flag" if dialect.kind(cell) == "flag" else "")
+                needed = "a number is needed" + ", not a flag" * (dialect.kind(cell) == "flag")
+                return f"{self.source.path}: column {columns[at].name!r} holds {shown} in {place}, where {needed}"
         return f"{self.source.path}: cannot be read as a table: {first_line(error)}"
 
     @cached_property
@@ -215,14 +213,15 @@ def tables_of(source: Source, header_row: int | None, decimal: str | None) -> li
     if layout is not None and not (source.sheet and layout.dialect.separator != "\t"):
         blocks = blocks_of(source, encoding, mark, stop)
         regions = regions_of(blocks, layout.dialect, lambda text: _size(text, encoding))
-        if header_row is not None:  # the user's table ends where the next one begins
-            below = (region for region in regions if header_row and region.line + region.names >= header_row)
-            regions = [Region(), *below]
         ends = [*(mark + region.begin for region in regions[1:]), stop]
-        for region, end in zip(regions[: None if header_row is None else 1], ends, strict=False):
+        spans = [*zip(regions, ends, strict=True)]
+        if header_row is not None:
+            spans = [span for span in spans if span[0].line < max(header_row, 1)][-1:]
+        for region, end in spans:
             if layout is None or len(regions) > 1 or region.names > layout.start:
                 lines = _first_lines(source, encoding, mark + region.begin, end)
-                layout = layout_of(lines[: region.names + SAMPLE_LINES], decimal, header_row, region.names)
+                named_by = header_row and header_row - region.line
+                layout = layout_of(lines[: region.names + SAMPLE_LINES], decimal, named_by, region.names)
             if layout is not None:
                 tables.append(_table(source, encoding, lines, layout, region, mark + region.begin, end))
     if not tables and not source.sheet:
