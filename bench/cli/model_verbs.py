@@ -43,7 +43,6 @@ from piezo_model.units import quantity
 
 MOST = 200
 """Largest order: more operators take minutes, and describe no stage better."""
-CANDIDATES = ("n", "m", "creep rates, 1/s", "unknowns", "RMS error, % of range", "criterion", "")
 SHOWN = 8
 """Rows of the table of candidates; the page has all."""
 
@@ -143,18 +142,7 @@ def identify_verb(
         with progress_bar("writing the page"):
             recording_page.write(page, Path(several[0].name).name, review(several[0], model))
     selection = model.report.get("selection")
-    candidates = [
-        (
-            str(c["n"]),
-            str(c["m"]),
-            ", ".join(f"{rate:.3g}" for rate in c["creep_rates"]),
-            str(c["d"]),
-            f"{c['error_percent']:.3g}",
-            f"{c['bic']:.1f}",
-            c["standing"],
-        )
-        for c in (selection["table"][:SHOWN] if selection else [])
-    ]
+    tried = recording_page.orders_tried(selection) if selection else None
     lines = [
         selection["sentence"] if selection else "",
         model.report["headline"],
@@ -166,7 +154,7 @@ def identify_verb(
     print_result(
         {"model": out, "page": page, "report": dict(model.report)},
         as_json,
-        (CANDIDATES, candidates, 0) if selection else "",
+        (tried.headings, tried.rows[:SHOWN], tried.left_aligned) if tried else "",
         *lines,
     )
 

@@ -11,26 +11,22 @@ The performance profile of Dolan and Moré over the problems p of a view, with t
 Source: E. D. Dolan and J. J. Moré, Mathematical Programming 91 (2002) 201 to 213.
 """
 
-from collections.abc import Collection
-
 import numpy as np
 import pandas as pd
 
-from bench.derived import ranking, summary
+from bench.derived import ranking
 from bench.derived.measurements import Measurements, at_tiers
 from bench.derived.tiers import LANE, distance
 from bench.messages.columns import TYPICAL, worst
 from bench.messages.task import PAPER, Tier
 from bench.report.report import BEST, LEAST_GAP
-from bench.report.words import duration, marked
+from bench.report.words import marked
 
-MOST_EXACT = [str(tier) for tier in (Tier.HIGH, Tier.EXACT, Tier.MID, Tier.LOW, Tier.DEFAULT, Tier.STAGE)]
 NAMED = 10
 """Number of the best lines that are named."""
 MOST_GAP = 1e3
 """Largest gap on a plot; larger ones are drawn at this value."""
-MOST_IN_PROFILE, MOST_BARS = 10, 24
-STAGES = ("set-up", "update", "solve")
+MOST_IN_PROFILE = 10
 
 
 def named(table: pd.DataFrame) -> pd.DataFrame:
@@ -135,49 +131,4 @@ def sizes(measurements: Measurements) -> pd.DataFrame:
     place = (1e3 * missing + of_name.transform("mean")).groupby(lines["view"]).rank(method="dense")
     return lines.assign(place=place, front=lines.pop("own") | (place <= BEST)).sort_values(
         ["view", "place"], kind="stable", ignore_index=True
-    )
-
-
-def stages(table: pd.DataFrame, own: Collection[str]) -> pd.DataFrame:
-    """Time of set-up, update and solve, one row per solver lane and stage, the fastest first: medians in µs and shares.
-
-    They are a user's own and the fastest of each lane and view in a summary, at the most accurate tier that they reach.
-    """
-    table = named(summary.raced(table))
-    table = table[table.solve_us_p50.notna() & (table.solver != PAPER)]
-    rank = table.tier.map(MOST_EXACT.index)
-    table = table[rank == rank.groupby([table.view, table.name]).transform("min")].sort_values(
-        "answer_us", kind="stable"
-    )
-    best = table[(table.groupby(["view", "lane"]).cumcount() < MOST_BARS) | table.name.isin([*own])]
-    rows = [
-        {
-            **{name: line[name] for name in ("view", "name", "solver", "lane", "tier")},
-            "stage": stage,
-            "us": us,
-            "share": us / (line["setup_us"] + line["answer_us"]),
-            "update_and_solve_us": line["answer_us"],
-            "label": f"{marked(line['solver'])}, {duration(line['answer_us'])}",
-            "at": at,
-        }
-        for line in best.to_dict("records")
-        for at, (stage, us) in enumerate(
-            zip(STAGES, (line["setup_us"], line["update_us"], line["solve_us_p50"]), strict=True)
-        )
-    ]
-    return pd.DataFrame(
-        rows,
-        columns=[
-            "view",
-            "name",
-            "solver",
-            "lane",
-            "tier",
-            "stage",
-            "us",
-            "share",
-            "update_and_solve_us",
-            "label",
-            "at",
-        ],
     )

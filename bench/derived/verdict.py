@@ -6,18 +6,15 @@ drift are stated. Times have as many digits as the drift allows; a reservation p
 """
 
 from collections.abc import Iterator, Sequence
-from typing import Any, cast
 
-import numpy as np
 import pandas as pd
 
 from bench.derived import summary as summaries
 from bench.derived.measurements import Measurements
 from bench.derived.ranking import PACE, TIER_NAMES, Line, of_paper, ranking
-from bench.derived.tiers import FEWEST, TOLERANCE, UNNOTICED, right
+from bench.derived.tiers import FEWEST, UNNOTICED, right
 from bench.messages.task import PAPERS_SETTING, Tier
 from bench.report.words import format_distinct, joined, marked, number, percent, rounded, solver_lanes
-from piezo_model.json_file import decoded
 from solvers import Lane
 from solvers.registry import OURS
 
@@ -25,10 +22,6 @@ GAPS = (Tier.HIGH, Tier.MID, Tier.LOW, Tier.EXACT)
 """The first of these tiers that any solver lane reaches is the one of the verdict."""
 LANE_NAMES = {Lane.KERNEL: "compiled", Lane.DIRECT: "from Python"}
 """Lanes of the verdict and their names in it."""
-KNOWN = ("osqp", "clarabel", "proxsuite", "piqp", "highspy", "scs", "qpalm", "daqp", "quadprog", "cvxopt")
-"""The best-known libraries."""
-FEWEST_KNOWN = 3
-"""Least number of them for a sentence."""
 MOST_DRIFT = 0.1
 """Largest drift without a caution."""
 
@@ -76,20 +69,6 @@ def _winners(measurements: Measurements, lines: Sequence[Line], core: str, drift
     machine = f" ({there}{core}; drift {100.0 * drift:.0f} %)" if core else ""
     reached = f"{solver_lanes(len(reach), len(judged), 'reach')} {TIER_NAMES[at]} on {problems}"
     yield f"{reached}{chosen}{more}{fewer}{machine}."
-    yield from _known(judged, at)
-
-
-def _known(lines: Sequence[Line], at: Tier) -> Iterator[str]:
-    """Which of the best-known libraries reach a tier by their own interface, and how far the others are."""
-    known = [line for line in lines if line.solver in KNOWN and line.lane in LANE_NAMES]
-    best = {
-        entry.solver: max(line.results[at].right for line in known if line.solver == entry.solver) for entry in known
-    }
-    reach = [solver for solver in best if any(line.solver == solver and line.results[at].reached for line in lines)]
-    all_of_them = [f"{joined(reach)} {'reaches' if len(reach) == 1 else 'reach'} it on all problems"] if reach else []
-    short = [f"{solver} on {count}" for solver, count in best.items() if solver not in reach]
-    if len(best) >= FEWEST_KNOWN:
-        yield f"Of the best-known libraries, {joined([*all_of_them, *short])}."
 
 
 def _lane(lane: Lane, lines: Sequence[Line], at: Tier, drift: float) -> str:
@@ -118,24 +97,9 @@ def _paper(measurements: Measurements, drift: float) -> Iterator[str]:
     reach = joined(f"{TIER_NAMES[tier]} on {right(steps, tier).sum()}" for tier in (Tier.LOW, Tier.MID, Tier.HIGH))
     yield (
         f"The paper's method, one projected step a sample of half the stability limit, {_ends(steps)} after its 15 200 "
-        f"steps ({seconds[0]}{to}) and reaches {reach} of {len(steps)} problems{_best_step(rows)}; without waiting "
+        f"steps ({seconds[0]}{to}) and reaches {reach} of {len(steps)} problems; without waiting "
         f"for samples these steps take {rounded(steps.answer_us.median(), drift)} µs."
     )
-
-
-def _best_step(rows: pd.DataFrame) -> str:
-    """The step and the start with which as many steps reach 1e-9 most often, if others were measured."""
-    steps = of_paper(rows)
-    steps = steps[steps.settings.str.contains('"steps": 15200') & (steps.start != "warm")]
-    counts = right(steps, Tier.HIGH).groupby([steps.settings, steps.start]).sum()
-    if len(counts) < 2:
-        return ""
-    if counts.max() == counts[PAPERS_SETTING, "cold"]:
-        return ", and 1e-9 on no more with steps up to that limit and from the straight line"
-    settings, start = cast(tuple[str, str], counts.idxmax())
-    ratio = decoded(settings, dict[str, Any]).get("step_ratio", 0.5)
-    of_line = ", begun at the straight line" if start == "line" else ""
-    return f", at best, with steps of {ratio:g} of that limit{of_line}, 1e-9 on {counts.max()}"
 
 
 def _ends(rows: pd.DataFrame) -> str:
@@ -171,18 +135,6 @@ def notes(measurements: Measurements, summary: pd.DataFrame) -> list[str]:
         *_warm(summary),
         *_interleaved(measurements),
     ]
-
-
-def below_rounding(costs: pd.DataFrame) -> Iterator[str]:
-    """Problems for which 1e-9 of the yardstick is below the rounding error of the cost, a sum of about d products as
-    large as V*."""
-    resolved = costs.d * np.finfo(float).eps * costs.V.abs()
-    for name, forms in costs[TOLERANCE[Tier.HIGH] * costs.yardstick < resolved].groupby("problem", sort=False):
-        yield (
-            f"On {name} a cost gap of 1e-9 is {TOLERANCE[Tier.HIGH] / forms.optimum.max():.1e} of |V*|, below the "
-            "rounding error of the cost in double precision: a solver that stops on the difference of two costs cannot "
-            "detect it."
-        )
 
 
 def _warm(table: pd.DataFrame) -> Iterator[str]:

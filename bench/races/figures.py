@@ -5,22 +5,18 @@ import pandas as pd
 
 from bench.derived import pictures
 from bench.derived.measurements import Measurements
-from bench.report.report import INK, ROW, Axis, Figure, Mark, Plot, best_lines
+from bench.report.report import INK, Axis, Figure, Mark, Plot, best_lines
 from bench.report.words import joined
-from solvers import Lane
 
 WIDTH, HEIGHT, LETTER, LINE = 230.0, 460, 6.6, 13.0
 """Pixels of the picture of work and precision on a phone, between its axes, and of a letter of a name in it."""
-STAGES = {"update": "#56b4e9", "solve": "#0072b2"}
 
 
-def figures(measurements: Measurements, summary: pd.DataFrame) -> list[Figure]:
+def figures(measurements: Measurements) -> list[Figure]:
     """All figures, work and precision first."""
-    sizes, stages = pictures.sizes(measurements), pictures.stages(summary, measurements.own)
-    work = pictures.work_precision(measurements)
+    sizes, work = pictures.sizes(measurements), pictures.work_precision(measurements)
     times, gaps = around(pd.Series([*work.answer_us, measurements.shortest_period_us])), around(work.drawn)
     missing = joined(sorted({*measurements.own} - {*work.name}))
-    bars = stages.groupby(["lane", "view"]).name.nunique().groupby("lane").max()
     return [
         Figure(
             "work_precision",
@@ -79,27 +75,6 @@ def figures(measurements: Measurements, summary: pd.DataFrame) -> list[Figure]:
                     ("name", "d", "time_us", "problems"),
                     rules={"y": measurements.shortest_period_us},
                 )
-            ],
-        ),
-        Figure(
-            "stages",
-            "Where the time goes",
-            f"Medians over the problems of what each part takes, for the fastest {pictures.MOST_BARS} of each lane and "
-            "yours, at the most exact tier that each reaches. The time beside a name is update and solve, which every "
-            "answer costs; set-up, paid once, is in the table.",
-            stages,
-            [
-                Plot(
-                    Axis("us", f"share of time, lane {lane}", format="%"),
-                    Axis("label"),
-                    (Mark("bar", "stage", share=True, along="at"),),
-                    ("name", "stage", "us"),
-                    STAGES,
-                    height=30 + ROW * int(bars[lane]),
-                    where={"lane": [lane], "stage": [*STAGES]},
-                )
-                for lane in Lane
-                if lane in bars.index
             ],
         ),
     ]

@@ -102,11 +102,10 @@ def report(run: Run, race: RaceSettings) -> Report:
         verdict.verdict(measurements, run.machine_of(measurements.rows)["core"], drifted),
         ranking.short_table(table, note),
         lines,
-        figures(measurements, lines),
+        figures(measurements),
         terminal=ranking.short_table(table, note, terminal=True),
         scope=f"{measurements.problems} problem{'s' if measurements.problems != 1 else ''}",
         notes=[
-            *verdict.below_rounding(costs),
             *verdict.notes(measurements, lines),
             *schedule.sentences(at_8_khz),
             *remarks(run, measurements, misses),

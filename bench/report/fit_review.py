@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.signal import welch
 
-from piezo_model.identification.autocorrelation import independent_samples
 from piezo_model.identification.error_model import ProgramSolver, accumulate, counted_from
 from piezo_model.identification.validation import Validation, model_output, start_and_transient
 from piezo_model.identification_problem import IdentificationProblem
@@ -16,8 +15,8 @@ from piezo_model.model import HysteresisCreepModel
 from piezo_model.recordings import Recording
 from solvers.arrays import Vector
 
-LONGEST, WHITE = 1_000_000, 0.7
-"""Largest number of samples in a review, from the start; smallest share of independent samples in a white error."""
+LONGEST = 1_000_000
+"""Largest number of samples in a review, from the start."""
 
 
 @dataclass(frozen=True)
@@ -50,12 +49,6 @@ class Review:
         e = self.error[self.skipped :]
         f, power = welch(e - e.mean(), 1.0 / self.model.structure.sample_time, nperseg=min(4096, e.size))
         return f[1:], np.sqrt(power[1:])
-
-    @property
-    def is_white(self) -> bool:
-        """True if the counted error is white noise."""
-        error = self.error[self.skipped :]
-        return independent_samples([error]) > WHITE * error.size
 
 
 def review(recording: Recording, model: HysteresisCreepModel, validation: Validation | None = None) -> Review:

@@ -1,14 +1,15 @@
 """The page of one recording, with measured and modelled loops, error over time, weights and spectrum of the error; and
 the page of a drive to record."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from bench.report.fit_review import Review
-from bench.report.report import GREY, INK, PALETTE, Axis, Figure, Mark, Plot, Report, Table
+from bench.report.report import GREY, PALETTE, Axis, Figure, Mark, Plot, Report, Table
 from bench.report.writing import write_page
 from solvers.arrays import Index, Vector
 
@@ -27,76 +28,37 @@ def report(name: str, review: Review) -> Report:
     """Report of a recording and its model."""
     s = review.model.structure
     input_unit, output_unit = (unit.replace("um", "µm") for unit in (s.input_unit, s.output_unit))
-    first, *more = review.sentences
-    tried, tables = _tried(review)
+    (first, *more), selection = review.sentences, review.model.report.get("selection")
     return Report(
-        [first, *["The error is white noise: higher orders would gain little."] * review.is_white],
+        [first],
         notes=more,
         title=f"Recording {name}",
-        tables=tables,
+        tables=[orders_tried(selection)] if selection and review.fitted else [],
         figures=[
             _loops(review, input_unit, output_unit),
             _error(review, output_unit),
             _weights(review),
             _spectrum(review, output_unit),
-            *tried,
         ],
     )
 
 
-def _tried(review: Review) -> tuple[list[Figure], list[Table]]:
-    """Figure and table of the candidates, if the orders were chosen."""
-    selection = review.model.report.get("selection")
-    if not (selection and review.fitted):
-        return [], []
-    data = pd.DataFrame(selection["table"])
-    rates = data.pop("creep_rates")
-    data = data.assign(
-        rates=[f"{len(values)} creep rate{'s' if len(values) != 1 else ''}" for values in rates],
-        per_s=[", ".join(f"{rate:.3g}" for rate in values) for values in rates],
-    )
-    marks = (
-        Mark("point", "rates", size=60.0),
-        Mark("hollow", where={"standing": ["chosen"]}, colour=INK, size=160.0),
-    )
-    figure = Figure(
-        "orders",
-        "Orders",
-        "RMS error to first order against the number of unknowns; each point is a model, and the ring marks the chosen "
-        "one.",
-        data.sort_values("rates", kind="stable", ignore_index=True),
-        [
-            Plot(
-                Axis("d", "unknowns"),
-                Axis("error_percent", "RMS error, % of range"),
-                marks,
-                ("n", "m", "per_s", "error_percent"),
-                height=300,
-            )
-        ],
-    )
+def orders_tried(selection: Mapping[str, Any]) -> Table:
+    """The candidates among which the orders were chosen, as text."""
     rows = [
         [
             str(c["n"]),
             str(c["m"]),
-            c["per_s"],
+            ", ".join(f"{rate:.3g}" for rate in c["creep_rates"]),
             str(c["d"]),
             f"{c['error_percent']:.4f}",
             f"{c['bic']:.1f}",
             c["standing"],
         ]
-        for c in data.to_dict("records")
+        for c in selection["table"]
     ]
-    headings = (
-        "n",
-        "m",
-        "creep rates, 1/s",
-        "unknowns",
-        "RMS error, % of range",
-        "information criterion above the smallest",
-        "",
-    )
-    return [figure], [Table("Orders by information criterion", headings, rows, 0, note=selection["sentence"])]
+    headings = ("n", "m", "creep rates, 1/s", "unknowns", "RMS error, % of range", "criterion above the smallest", "")
+    return Table("Orders by information criterion", headings, rows, 0, note=selection["sentence"])
 
 
 def _loops(review: Review, input_unit: str, output_unit: str) -> Figure:

@@ -1,7 +1,7 @@
 """Reports as data: sentences, tables, and figures with their plots, of a run, a comparison or a recording.
 
 There are three renderings: the terminal (`bench.report.console`), Markdown and an HTML page (`bench.report.writing`);
-`bench.report.vega` draws the plots. The rows of a plot or a mark are selected by values of columns and not by an
+`bench.report.vega` draws the plots. The rows of a mark are selected by values of columns and not by an
 expression, because the texts of a run folder are not trusted. By convention the table of a figure has the columns
 ``name``, the label of a line, ``view``, if the reader can choose between several views, and ``front``, whether a line
 is among the best, which are drawn in colour and named.
@@ -29,8 +29,6 @@ INK = "currentColor"
 Where = Mapping[str, Sequence[object]]
 """The rows whose values in each of these columns are among those given; all rows if it is empty."""
 HEIGHT = 380
-ROW = 20
-"""Height of one bar in pixels."""
 
 
 @dataclass(frozen=True)
@@ -63,12 +61,10 @@ class Mark:
     """Width of a line in pixels, or area of a point in square pixels."""
     opacity: float = 1.0
     along: str = ""
-    """Column that orders the points of a line, by default the horizontal one, or the parts of a bar."""
+    """Column that orders the points of a line, by default the horizontal one."""
     x: str = ""
     """Column instead of the horizontal axis's own; ``x2`` is the other end of a bar or range."""
     x2: str = ""
-    share: bool = False
-    """Whether bars are stacked as shares of their sum."""
 
 
 @dataclass(frozen=True)
@@ -85,8 +81,6 @@ class Plot:
     rules: Mapping[str, float] = field(default_factory=dict)
     """Dashed lines at values of ``x`` or ``y``."""
     height: int = HEIGHT
-    where: Where = field(default_factory=dict)
-    """The rows of the table to draw."""
 
 
 def best_lines(along: str) -> tuple[Mark, ...]:

@@ -82,12 +82,11 @@ def library() -> str:
 
 def specification(table: pd.DataFrame, plot: Plot) -> dict[str, Any]:
     """Specification of a plot that fills the width of the page."""
-    shown = table[table[[*plot.where]].isin(dict(plot.where)).all(axis=1)] if plot.where else table
-    views = list(dict.fromkeys(map(str, shown["view"]))) if "view" in shown else []
+    views = list(dict.fromkeys(map(str, table["view"]))) if "view" in table else []
     select = {"input": "select", "options": views, "name": "Show "}
     search = {"input": "search", "name": "Find a line ", "placeholder": "name"}
     params = [
-        *([{"name": "view", "value": first_view(shown), "bind": select}] if len(views) > 1 else []),
+        *([{"name": "view", "value": first_view(table), "bind": select}] if len(views) > 1 else []),
         *([{"name": "sought", "value": "", "bind": search}] if any(mark.sought for mark in plot.marks) else []),
     ]
     # Vega merges the legends of colour, dash and shape only within one mark; names in the plot replace them
@@ -97,13 +96,13 @@ def specification(table: pd.DataFrame, plot: Plot) -> dict[str, Any]:
         for axis, value in plot.rules.items()
     ]
     return {
-        "data": {"values": plain_json(shown.to_dict("records"))},
+        "data": {"values": plain_json(table.to_dict("records"))},
         "params": params,
         "width": "container",
         "height": plot.height,
         "config": CONFIG,
         "transform": [{"filter": "datum.view == view"}] if len(views) > 1 else [],
-        "layer": [*rules, *(_layer(shown, plot, mark, mark is first) for mark in plot.marks)],
+        "layer": [*rules, *(_layer(table, plot, mark, mark is first) for mark in plot.marks)],
         "resolve": {"scale": dict.fromkeys(CHANNELS, "independent")},
     }
 
@@ -117,7 +116,7 @@ def _layer(table: pd.DataFrame, plot: Plot, mark: Mark, legend: bool) -> dict[st
     is_line, is_point = mark.kind in ("line", "step"), mark.kind in ("point", "hollow")
     size = {"size": mark.size} if is_point else {} if mark.kind == "bar" else {"strokeWidth": mark.size}
     encoding: dict[str, Any] = {
-        "x": _position(table, plot.x, mark.x, mark.share),
+        "x": _position(table, plot.x, mark.x),
         "y": _position(table, plot.y),
     }
     optional: dict[str, Any] = {
@@ -169,7 +168,7 @@ def _coloured(plot: Plot, mark: Mark, is_line: bool, is_point: bool, legend: boo
     }
 
 
-def _position(table: pd.DataFrame, axis: Axis, column: str = "", share: bool = False) -> dict[str, Any]:
+def _position(table: pd.DataFrame, axis: Axis, column: str = "") -> dict[str, Any]:
     """Encoding of an axis and the column along it."""
     field = column or axis.column
     if not _is_number(table, field):
@@ -189,8 +188,7 @@ def _position(table: pd.DataFrame, axis: Axis, column: str = "", share: bool = F
         "type": "quantitative",
         "title": axis.title,
         "axis": drawn,
-        "scale": {} if share else scale,
-        **({"stack": "normalize"} if share else {}),
+        "scale": scale,
     }
 
 

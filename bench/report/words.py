@@ -72,18 +72,6 @@ def share(value: float) -> str:
     return "–" if math.isnan(value) else f"{100.0 * value:.3g} %"
 
 
-def duration(us: float) -> str:
-    """Microseconds for a reader.
-
-    Examples
-    --------
-    >>> duration(2.705), duration(1860.0), duration(2.5e6)
-    ('2.71 µs', '1.86 ms', '2.5 s')
-    """
-    factor, unit = next((factor, unit) for factor, unit in ((1e6, "s"), (1e3, "ms"), (0.0, "µs")) if us >= factor)
-    return f"{us / (factor or 1.0):.3g} {unit}"
-
-
 def format_distinct(a: float, b: float) -> tuple[str, str]:
     """Two numbers with as many digits, at least three, as are needed to distinguish them.
 

@@ -65,8 +65,8 @@ def recording(x: np.ndarray, y: np.ndarray) -> Recording:
 
 @pytest.mark.usefixtures("output")
 def test_the_page_draws_every_plot_of_the_recording_and_shows_names_as_text(browser: Browser, desk: Path) -> None:
-    assert {"loops", "error", "weights", "spectrum", "orders"} <= {*browser.sections(desk / "stage page.html")}
-    assert len(browser.plots()) == 6
+    assert {"loops", "error", "weights", "spectrum"} <= {*browser.sections(desk / "stage page.html")}
+    assert len(browser.plots()) == 5
     assert browser.run("return document.title") == "Recording <u>stage.csv"
     assert browser.run("return document.querySelectorAll('main img, main u, main b').length") == 0
     for link in browser.run("return [...document.querySelectorAll('.note a')].map(a => a.getAttribute('href'))"):
