@@ -1,7 +1,6 @@
 """Verbs that export a model: ``export-c``, ``export-fmu``, and ``realtime``, which runs the exported C on this
 machine."""
 
-import json
 from pathlib import Path
 from typing import Annotated, Any, cast
 
@@ -11,9 +10,9 @@ from bench.cli.options import AsJson, NoDynamics, RateLimit, XStart, check_optio
 from bench.deploy.deployment import open_model
 from bench.export import building, c_source, fmu, realtime
 from bench.export.settings import EXACT_SOLVER, SOLVERS, Exported, ExportError, ExportSettings, LoopSolver, Precision
-from bench.report.console import console, errors, plain_json, print_result
+from bench.report.console import console, errors, print_result
 from bench.timing import percentiles
-from piezo_model import HysteresisCreepModel, atomic_file
+from piezo_model import HysteresisCreepModel
 from piezo_model.learning.settings import Mode
 
 ModelArgument = Annotated[Path, typer.Argument(help="Model from identify, or compensator from deploy.")]
@@ -133,17 +132,11 @@ def realtime_verb(
         int | None, typer.Option(metavar="N", min=0, help="Core to run on; the last free one by default.")
     ] = None,
     no_dynamics: NoDynamics = False,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FILE.json", help="JSON file to write histograms and figures to.")
-    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Run the exported C on this machine with absolute deadlines and count those it misses."""
-    check_writable(out, others=[model])
     loaded, settings = _opened(model, no_dynamics, **loop)
     result = realtime.real_time(loaded, settings, rate, seconds, priority, core)
-    if out is not None:
-        atomic_file.write_text(out, json.dumps(plain_json(result.to_dict()), indent=1) + "\n")
     allowed, counts = result.allowed, result.histograms
     bounds = sorted({bound for count in counts.values() for bound in count})
     times = [(name, *percentiles.tail_cells(us, digits=2)) for name, us in result.times_us.items()]
@@ -160,7 +153,6 @@ def realtime_verb(
             for what in guarantees
             if allowed.get(what) != "yes"
         ),
-        f"Figures: {out}" if out else "",
     ]
     print_result(
         result.to_dict(),

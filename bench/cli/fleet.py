@@ -58,7 +58,7 @@ def process(
     check_option(page is None, "--page", "is for one recording")
     workers.check()
     out = fleet.local(out_dir)
-    items = fleet.items_of(job, fleet.matching(recordings), out)
+    items = fleet.items_of(job, recordings, out)
     out.mkdir(parents=True, exist_ok=True)
     try:
         with progress_bar() as progress, started(workers) as map_unordered:

@@ -30,7 +30,7 @@ from bench.cli.options import (
 )
 from bench.deploy.deployment import open_model
 from bench.fleet import jobs
-from bench.fleet.fleet import local, matching
+from bench.fleet.fleet import local
 from bench.processes.engine import Workers
 from bench.report import recording_page
 from bench.report.console import console, print_result, progress_bar
@@ -127,7 +127,7 @@ def identify_verb(
         process(job, recording or (), out_dir, workers, "gave a model", as_json, page)
         return
     only(context, (), out_dir)
-    sources: list[Path | None] = [*map(Path, matching(recording or ()))] or [file]
+    sources: list[Path | None] = [*map(Path, recording or ())] or [file]
     check_option(page is None or len(sources) == 1, "--page", "is for one recording; draw each with validate --page")
     files = [path for source in sources for path in files_of(source, reading)]
     check_writable(out, others=files)

@@ -15,7 +15,6 @@ import math
 import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from glob import glob
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -119,19 +118,6 @@ def local(place: str) -> Path:
     if "://" in place:
         raise RecordingError(f"{place}: is a URL; give a local path")
     return Path(os.path.abspath(place))
-
-
-def matching(patterns: Sequence[str]) -> list[str]:
-    """Paths, with patterns such as ``'*.parquet'``, of more files than a shell can pass, replaced by their matches."""
-    paths: list[str] = []
-    for pattern in patterns:
-        if "*" not in pattern or local(pattern).exists():
-            paths.append(pattern)
-        elif matches := sorted(glob(pattern, recursive=True)):
-            paths += matches
-        else:
-            raise RecordingError(f"{pattern}: no file matches")
-    return paths
 
 
 def names_of(recordings: Sequence[str]) -> list[str]:
