@@ -135,10 +135,6 @@ class Task:
     d: int = 0
     """Number of variables of the problem."""
 
-    def __str__(self) -> str:
-        """Name for the progress bar."""
-        return f"{self.solver} ({self.lane}) on {self.problem}, {self.scaling}"
-
     @property
     def subject(self) -> str:
         """What is measured, the same in every run, repeat and way of timing."""

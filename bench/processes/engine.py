@@ -184,7 +184,7 @@ def work(part: Any, entries: tuple[Entry, ...], settings: ChildSettings) -> Any:
     worker.is_busy = True
     try:
         with worker.core.pinned():
-            part.do(worker.pool, lambda task: None)
+            part.do(worker.pool)
     except BaseException:
         _workers.pop(thread).close()
         raise

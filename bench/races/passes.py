@@ -24,6 +24,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from itertools import groupby
 from pathlib import Path
+from typing import Self
 
 import pandas as pd
 
@@ -45,8 +46,6 @@ from bench.timing.clock import Effort
 from piezo_model.identification_problem import Scaling
 from solvers.registry import FAMILIES, Described
 
-Tell = Callable[[Task], None]
-"""Called with each task before it starts."""
 LONGEST_INTERLEAVED_US = 1000.0
 """Longest hot answer of an interleaved solver on any problem: caches hardly affect longer ones."""
 PREFERRED = (Tier.HIGH, Tier.MID)
@@ -86,19 +85,19 @@ class Part:
         """The problem in this scaling."""
         return self.problem.forms[self.scaling]
 
-    def do(self, pool: SolverPool, tell: Tell) -> None:
-        """Do the tasks that are not done yet, monitor the machine, and save notes at the end."""
+    def do(self, pool: SolverPool) -> Self:
+        """Do the tasks that are not done yet, monitor the machine, and save notes at the end; returns the part."""
         run = Run(self.run)
         part = run.part(self.name)
         if part.notes is not None:
-            return
+            return self
         pool.begin(self.repeat)
         described_by(run, pool)
         sentinel = Sentinel(pool.children[null_solver.ENTRY.name, null_solver.ENTRY.lane])
         with part.appended():
             sentinel.sample()
             before = machine.counters()
-            self._work(part, run.note_machine(), pool, sentinel, tell)
+            self._work(part, run.note_machine(), pool, sentinel)
             between = machine.between(before, machine.counters())
             sentinel.sample()
             part.finish(
@@ -111,8 +110,9 @@ class Part:
                     "timed_calls": sum(row["samples"] for row in part.rows.values()),
                 }
             )
+        return self
 
-    def _work(self, part: PartFile, here: str, pool: SolverPool, sentinel: Sentinel, tell: Tell) -> None:
+    def _work(self, part: PartFile, here: str, pool: SolverPool, sentinel: Sentinel) -> None:
         """Measure one ladder after the other, then interleave the tasks that are; ``here`` is this machine."""
 
         def save(task: Task, outcome: Outcome, fresh: FreshData | None = None) -> None:
@@ -129,14 +129,13 @@ class Part:
         ):
             if timing != INTERLEAVED:
                 self._ladder(
-                    part, save, pool, sentinel, tell, [(task, fresh(i, timing, start)) for i, task in enumerate(ladder)]
+                    part, save, pool, sentinel, [(task, fresh(i, timing, start)) for i, task in enumerate(ladder)]
                 )
         for start in ("cold", "warm"):
             tasks = [task for task in self.tasks if (task.timed, task.start) == (INTERLEAVED, start)]
             if any(task.key not in part.rows for task in tasks):
                 drawn, seed = FreshData(self.form, self.settings.rounds), f"{self.settings.seed} {self.name}"
                 for task, outcome in interleave(tasks, pool.children, self.form, drawn, seed):
-                    tell(task)
                     if task.key not in part.rows:
                         save(task, outcome, drawn)
 
@@ -149,13 +148,11 @@ class Part:
         save: Callable[..., None],
         pool: SolverPool,
         sentinel: Sentinel,
-        tell: Tell,
         tasks: Sequence[tuple[Task, FreshData]],
     ) -> None:
         """Measure the settings of one solver lane."""
         end = ""
         for task, fresh in tasks:
-            tell(task)
             if task.key not in part.rows and end:
                 save(task, Outcome(str(Status.NOT_RUN), f"a looser setting {end} on this problem"))
             elif task.key not in part.rows:

@@ -22,6 +22,7 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from functools import partial
+from operator import methodcaller
 from typing import Any
 
 from bench.messages import user_cache
@@ -59,13 +60,6 @@ FEWEST_PROVEN, PROVEN = 3, 24
 
 def run_tasks(run: Run, settings: RaceSettings, progress: Progress, workers: engine.Workers) -> None:
     """Do the tasks that are not done yet; the certificates, which solvers must not see, are saved at the end."""
-    done, total = 0, 0
-
-    def tell(task: Task) -> None:
-        nonlocal done
-        progress(str(task), done, total)
-        done += 1
-
     entries = (null_solver.ENTRY, *checked(settings))
     hidden = (str(run.path.resolve()), str(user_cache.folder()))
     limits, core = ChildSettings(settings.time_limit_s, settings.memory_mb, hidden), None
@@ -78,16 +72,11 @@ def run_tasks(run: Run, settings: RaceSettings, progress: Progress, workers: eng
         if not workers.is_single:
             pool.close()
         map_unordered = resources.enter_context(engine.started(workers))
+        work = methodcaller("do", pool) if workers.is_single else partial(engine.work, entries=entries, settings=limits)
         for parts in passes(run, settings, lanes, problems):
-            total += sum(len(part.tasks) for part in parts)
-            if workers.is_single:
-                for part in parts:
-                    part.do(pool, tell)
-            else:
-                function = partial(engine.work, entries=entries, settings=limits)
-                for part in map_unordered(function, parts):
-                    for task in part.tasks:
-                        tell(task)
+            progress("timing the solvers", 0, len(parts))
+            for done, part in enumerate(map_unordered(work, parts), 1):
+                progress(f"timed {part.problem.name}, {part.scaling}", done, len(parts))
     save_certificates(run, problems)
     note_conditions(run)
 
