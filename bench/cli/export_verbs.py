@@ -9,7 +9,7 @@ import typer
 from bench.cli.options import AsJson, NoDynamics, RateLimit, XStart, check_option, check_writable, grouped, positive
 from bench.deploy.deployment import open_model
 from bench.export import building, c_source, fmu, realtime
-from bench.export.settings import EXACT_SOLVER, SOLVERS, Exported, ExportError, ExportSettings, LoopSolver, Precision
+from bench.export.settings import EXACT_SOLVER, SOLVERS, Exported, ExportSettings, LoopSolver, Precision
 from bench.report.console import console, errors, print_result
 from bench.timing import percentiles
 from piezo_model import HysteresisCreepModel
@@ -109,8 +109,7 @@ def export_fmu_verb(
 
     loaded, settings = _opened(model, no_dynamics, part="compensator", **control)
     check_option(out.suffix == ".fmu", "out", f"{out} does not end in .fmu")
-    if out.exists():
-        raise ExportError(f"{out} already exists; name a new file")
+    check_option(not out.exists(), "out", f"{out} already exists; name a new file")
     check_writable(out, "out")
     fmu.write_fmu(loaded, settings, out, fmi)
     console.print(

@@ -38,13 +38,9 @@ def write_files(folder: Path, files: Mapping[str, str]) -> None:
 def write_folder(target: Path, files: Mapping[str, str]) -> None:
     """Write text files into a new or empty folder, all of them or none.
 
-    ExportError if the target is a file, a folder with content, or cannot be written.
+    ExportError if the target has content, or cannot be written.
     """
     target = target.resolve()
-    if target.exists() and not target.is_dir():
-        raise ExportError(f"{target}: is a file; name a new folder")
-    if not target.parent.is_dir():
-        raise ExportError(f"{target}: the folder {target.parent} does not exist")
     try:
         if target.exists() and (first := min(target.iterdir(), default=None)):
             raise ExportError(f"{target}: the folder holds {first.name} already; name a new or an empty folder")

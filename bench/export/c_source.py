@@ -23,7 +23,7 @@ from bench.export.settings import (
     literal,
 )
 from bench.rendering import c_templates
-from piezo_model import HysteresisCreepModel, ModelStructure, checks, operators, regressors
+from piezo_model import HysteresisCreepModel, ModelStructure, operators, regressors
 from piezo_model.core import bindings
 from piezo_model.learning.settings import CONTINUOUS, CYCLIC
 from piezo_model.prefilter import Prefilter
@@ -135,20 +135,13 @@ def export(
     True
     """
     settings = settings or ExportSettings()
-    same, rendered = sources(settings, "piezo_stage.h", "piezo_stage.c"), render(model, settings, title)
-    files = {**same, **rendered}
-    checks.check(
-        len({name.lower() for name in files}) >= len(same) + len(rendered)
-        and settings.name.lower() not in ("main", "loop", "makefile"),
-        f"{settings.name!r} is the name of another file or function of the export; choose another --name",
-        ExportError,
-    )
+    same = sources(settings, "piezo_stage.h", "piezo_stage.c")
     of_core = "".join(text for name, text in same.items() if name.startswith("core/"))
     if settings.name != "piezo" and (clash := re.search(rf"\b{settings.name}_\w+", of_core, re.IGNORECASE)):
         raise ExportError(
             f"with the name {settings.name!r} a function could be named {clash[0]}, as in core; choose another --name"
         )
-    return files
+    return {**same, **render(model, settings, title)}
 
 
 def _named(text: str, name: str) -> str:

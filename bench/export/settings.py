@@ -32,6 +32,8 @@ LEARNS = (
 """By the exportable solvers in cyclic mode, and by continuous mode."""
 BLOCKS = 8
 """Blocks in the ring between step and learner; a learner that is more than BLOCKS − 2 behind loses samples."""
+OTHER_NAMES = ("main", "loop", "makefile")
+"""Names of files and functions of an export that have no prefix."""
 LONGEST_NAME = 31
 """Significant characters of an external identifier in C99."""
 
@@ -105,6 +107,10 @@ class ExportSettings:
                 len(self.name) > LONGEST_NAME,
                 f"the name has {len(self.name)} characters, and compilers may distinguish {LONGEST_NAME} at most",
             ),
+            (
+                self.name.lower() in OTHER_NAMES,
+                f"{self.name!r} is the name of another file or function of the export; choose another --name",
+            ),
         ):
             checks.check(not wrong, sentence, ExportError)
 
@@ -154,10 +160,11 @@ def literal(value: float, precision: Precision = "double") -> str:
     value = float(value)
     if math.isinf(value):
         return "INFINITY" if value > 0 else "-INFINITY"
-    if precision == "float" and value != 0.0 and not SMALLEST <= abs(value) <= LARGEST:
-        raise ExportError(
-            f"the constant {value:g} does not fit into single precision; export it with --precision double"
-        )
+    checks.check(
+        precision == "double" or value == 0.0 or SMALLEST <= abs(value) <= LARGEST,
+        f"the constant {value:g} does not fit into single precision; export it with --precision double",
+        ExportError,
+    )
     return repr(value)
 
 

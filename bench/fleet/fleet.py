@@ -26,6 +26,7 @@ from bench.messages.task import Progress
 from bench.processes.engine import MapUnordered
 from bench.report import words
 from piezo_model import atomic_file, json_file
+from piezo_model.checks import check
 from piezo_model.recordings import RecordingError
 
 TABLE = "fleet.csv"
@@ -115,8 +116,7 @@ def products_of_others(job: Job, rows: Sequence[Row], out: Path) -> list[str]:
 
 def local(place: str) -> Path:
     """Absolute path, which does not depend on a worker's current folder; RecordingError for a URL."""
-    if "://" in place:
-        raise RecordingError(f"{place}: is a URL; give a local path")
+    check("://" not in place, f"{place}: is a URL; give a local path", RecordingError)
     return Path(os.path.abspath(place))
 
 
@@ -147,8 +147,7 @@ def items_of(job: Job, recordings: Sequence[str], out: Path) -> list[Item]:
     items = [Item(job, local(place), name, out) for place, name in zip(recordings, names_of(recordings), strict=True)]
     written = {out / TABLE, *(item.product for item in items)}
     for place in recordings:
-        if local(place) in written:
-            raise RecordingError(f"{place}: would be overwritten; name another --out-dir")
+        check(local(place) not in written, f"{place}: would be overwritten; name another --out-dir", RecordingError)
     return items
 
 

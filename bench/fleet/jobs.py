@@ -136,10 +136,11 @@ class Compensating(WithModel):
         s = model.structure
         lowest, highest = deployed.x_limits if deployed else s.x_range
         limits = (lowest if self.low is None else self.low, highest if self.high is None else self.high)
-        if not limits[0] < limits[1]:
-            raise recordings.RecordingError(
-                f"the lowest drive --low {limits[0]:g} must be below the highest --high {limits[1]:g}"
-            )
+        checks.check(
+            limits[0] < limits[1],
+            f"the lowest drive --low {limits[0]:g} must be below the highest --high {limits[1]:g}",
+            recordings.RecordingError,
+        )
         known = None if self.start == "rest" else model.initial_state(self.start)
         y_ref, inverted = reference.values, self.dynamics and not self.preview
         if self.preview:

@@ -13,13 +13,11 @@ second process may open the stage after the first has died (True), to bring it t
 timer, which ends it after that time, so a stage must not use SIGALRM.
 """
 
-from __future__ import annotations
-
 import inspect
 import runpy
 import time
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 import msgspec
 
@@ -49,7 +47,7 @@ class Declared(msgspec.Struct, frozen=True):
     reopens: bool = True
 
     @classmethod
-    def of(cls, stage: Any, name: str) -> Declared:
+    def of(cls, stage: Any, name: str) -> Self:
         """Check the attributes of a stage; LiveError names a missing or wrong one."""
         attributes = {field: getattr(stage, field) for field in cls.__struct_fields__ if hasattr(stage, field)}
         with checks.refusing(LiveError, f"{name}: the class {type(stage).__name__}: "):

@@ -65,8 +65,10 @@ def refuse_unread(
     field of another format, or as many rows or columns as there are variables or rows of a kind."""
     sizes = {d, *rows} - {0, 1} if d > 1 else {1}  # only the bound of a single variable is a single number
     for name, shape in shapes.items():
-        if name not in fields and (name in OF_CONSTRAINTS or not sizes.isdisjoint(shape)):
-            raise ValueError(f"holds {name}, which is not read; constraints are {constraints}")
+        check(
+            name in fields or (name not in OF_CONSTRAINTS and sizes.isdisjoint(shape)),
+            f"holds {name}, which is not read; constraints are {constraints}",
+        )
 
 
 def doubles(name: str, values: Any) -> Any:

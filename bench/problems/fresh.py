@@ -132,10 +132,6 @@ class FreshData:
             self._permutation = self._generator.permutation(last)
         return mixed(self._form, self._shares[first:last], self._factors[first:last])
 
-    def unseen(self, count: int) -> tuple[Matrix | None, Matrix]:
-        """``count`` new data; their answers are not judged."""
-        return mixed(self._form, *self._drawn(count))
-
     def _drawn(self, count: int) -> tuple[Matrix, Matrix]:
         """Random shares of the windows, and factors of q."""
         factors = (

@@ -69,7 +69,7 @@ def figures(measurements: Measurements) -> list[Figure]:
             sizes,
             [
                 Plot(
-                    Axis("d", "unknowns d", log=True, values=sorted(set(sizes.d.tolist()))),
+                    Axis("d", "unknowns d", log=True),
                     Axis("time_us", "time for one answer, µs (update and solve)", log=True),
                     best_lines("d"),
                     ("name", "d", "time_us", "problems"),

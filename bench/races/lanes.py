@@ -19,9 +19,8 @@ def chosen(settings: RaceSettings) -> list[Entry]:
     process."""
     known = list(entries())
     names = {entry.name for entry in known}
-    unknown = sorted(set(settings.solvers) - names)
-    if unknown:
-        raise RaceError(f"there is no solver {unknown[0]!r}; known are {', '.join(sorted(names))}")
+    for unknown in sorted(set(settings.solvers) - names):
+        raise RaceError(f"there is no solver {unknown!r}; known are {', '.join(sorted(names))}")
     selected = [
         entry
         for entry in known

@@ -16,10 +16,8 @@ import random
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise, repeat
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.derived.measurements import NULL_SOLVER
 from bench.messages.solver_info import amount
@@ -36,7 +34,7 @@ from bench.races.worker import TimedSolver
 from bench.timing.clock import LEAST_SHARE, LONG_NS, Effort, answers_us
 from bench.timing.percentiles import percentile
 from bench.timing.schedule import PERIOD_NS, runs
-from solvers.protocol import Lane, Matrix
+from solvers.protocol import Lane, Matrix, Vector
 
 NOTHING = np.zeros((0, 0))
 PER_CALL = ("update", "solve", "sample")
@@ -223,7 +221,7 @@ def interleave(
     blocks: dict[str, list[Outcome]] = {task.key: [] for task in ready}
     for at in range(-WARM_UP * calls, fresh.count, calls):
         chance.shuffle(ready)
-        data = fresh.unseen(calls) if at < 0 else fresh.block(at, at + calls)
+        data = fresh.block(at, at + calls) if at >= 0 else fresh.block(fresh.count, fresh.count + calls)
         for task in list(ready):
             block = run_block(children[task.solver, task.lane], task, *data)
             if block.failure:
@@ -293,6 +291,6 @@ def row_of(problem: RaceProblem, task: Task, outcome: Outcome, fresh: FreshData 
     )
 
 
-def median(values: NDArray[Any]) -> float:
+def median(values: Vector) -> float:
     """Median; NaN of an empty array."""
     return float(np.median(values)) if values.size else math.nan

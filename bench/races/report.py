@@ -188,16 +188,11 @@ def report(run: Run, race: RaceSettings) -> Report:
 
 
 def remarks(run: Run, measurements: Measurements, misses: Mapping[str, Miss]) -> Iterator[str]:
-    """Sentences on solvers that do not repeat their answers, hosts and models of recordings, and the lines of
+    """Sentences on solvers that do not repeat their answers and models of recordings, and the lines of
     Python that solve the program of the first miss again."""
     rows = measurements.lanes[~measurements.lanes.repeatable]
     if names := sorted({f"{marked(solver)} ({lane})" for solver, lane in zip(rows.solver, rows.lane, strict=True)}):
         yield f"The same data give other bits when they are solved again with {joined(names)}."
-    if others := sorted(set(measurements.all_rows.host) - {measurements.host}):
-        yield (
-            f"Times are those of {measurements.host}, which measured most; accuracy includes the answers "
-            f"of {', '.join(others)}."
-        )
     for note in run.settings.get("models", {}).values():
         if "error_percent" in note:
             yield (

@@ -2,7 +2,6 @@
 
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
 
 from bench.messages.task import Progress
 from bench.processes.engine import Workers
@@ -12,7 +11,7 @@ from bench.races.report import report
 from bench.races.run_problems import left_out
 from bench.races.settings import RaceSettings
 from bench.report.report import Report
-from bench.report.words import joined
+from bench.report.words import joined, settings_label
 from bench.report.writing import write_report
 from bench.store import Run, RunError
 from piezo_model.json_file import brief, convert
@@ -80,9 +79,7 @@ def environment(run: Run) -> list[tuple[str, str]]:
     settings = run.settings
     lanes = ", ".join(f"{name} {version}" for name, version in settings.get("lanes", {}).items())
     absent = ", ".join(settings.get("absent", {}))
-    chosen = ", ".join(
-        f"{name} {_text(value)}" for name, value in settings["settings"].items() if value not in ([], {}, None, "")
-    )
+    chosen = {name: value for name, value in settings["settings"].items() if value not in ([], {}, None, "")}
     entries: list[tuple[str, str]] = []
     for host in run.machines.values():
         entries += [
@@ -91,16 +88,9 @@ def environment(run: Run) -> list[tuple[str, str]]:
             ("commit", host.get("environment", {}).get("commit", "")),
         ]
     entries += [
-        ("settings", chosen),
+        ("settings", settings_label(chosen)),
         ("solvers", lanes),
         ("absent", absent),
         ("not raced", "; ".join(f"{name}: {reason}" for name, reason in left_out(run))),
     ]
     return [(name, text) for name, text in entries if text]
-
-
-def _text(value: Any) -> str:
-    if isinstance(value, list | dict):
-        items = value.items() if isinstance(value, dict) else ((None, item) for item in value)
-        return "(" + ", ".join(f"{name} {item}" if name else str(item) for name, item in items) + ")"
-    return str(value)

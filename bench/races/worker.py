@@ -6,8 +6,6 @@ child receives the data of a block only when it is timed, and returns its answer
 clock and its own certificates. *Scheduled*: each sample of a block comes due at its time (`bench.timing.schedule`).
 """
 
-from __future__ import annotations
-
 import resource
 from collections.abc import Callable, Mapping
 from copy import deepcopy
@@ -77,7 +75,7 @@ def attempted(key: str, work: Callable[[], Outcome]) -> Outcome:
     return outcome
 
 
-_ready: dict[str, TimedSolver] = {}
+_ready: dict[str, "TimedSolver"] = {}
 """The solver of this process that is ready for blocks, by the key of its task."""
 
 

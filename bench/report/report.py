@@ -40,8 +40,6 @@ class Axis:
     log: bool = False
     format: str = ""
     """Format of the labels by d3; by default as the values need."""
-    values: Sequence[float] = ()
-    """Positions of the labels."""
     domain: Sequence[float] = ()
 
 

@@ -175,7 +175,6 @@ def _position(table: pd.DataFrame, axis: Axis, column: str = "") -> dict[str, An
         return {"field": field, "type": "nominal", "sort": None, "title": axis.title or None}
     drawn: dict[str, Any] = {
         "labelOverlap": True,
-        **({"values": [*axis.values]} if axis.values else {}),
         **({"format": axis.format or "~g"} if axis.format or axis.log else {}),
     }
     scale: dict[str, Any] = {

@@ -14,7 +14,6 @@ from typing import Annotated
 
 import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
 
 from solvers.protocol import Matrix, Nanoseconds, Solver, Timings, Vector
 
@@ -40,7 +39,7 @@ class Effort:
         )
 
 
-def answers_us(update_ns: Nanoseconds, solve_ns: Nanoseconds, cpu_us: float = np.nan) -> NDArray[np.float64]:
+def answers_us(update_ns: Nanoseconds, solve_ns: Nanoseconds, cpu_us: float = np.nan) -> Vector:
     """The time of each answer in µs, shape (n,): update and solve of the same call, and no less than LEAST_SHARE of
     ``cpu_us``, the processor time of a call where that is known.
 

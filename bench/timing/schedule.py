@@ -17,9 +17,8 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from solvers.arrays import Nanoseconds
+from solvers.arrays import Mask, Nanoseconds
 
 PERIOD_NS = 125_000
 PERIOD_US = PERIOD_NS / 1e3
@@ -29,7 +28,7 @@ LEAD_NS = 2_000_000
 """Time from the call to the first due time."""
 
 
-def runs(late: NDArray[np.bool_]) -> int:
+def runs(late: Mask) -> int:
     """Number of runs of consecutive true entries.
 
     Examples
