@@ -11,7 +11,7 @@ from bench.cli.options import WORKERS, check_option, refuse
 from bench.fleet import fleet
 from bench.fleet.jobs import Identifying, Job
 from bench.processes.engine import Workers, started
-from bench.report.console import errors, lines_of, print_result, progress_bar
+from bench.report.console import lines_of, print_result, progress_bar, resumable
 from piezo_model.recordings import RecordingError
 
 OutDir = Annotated[
@@ -24,7 +24,6 @@ OutDir = Annotated[
         "nothing is deleted.",
     ),
 ]
-CONTINUE_HINT = "finished recordings are kept; run the same command to continue"
 MOST_REFUSED = 12
 """Most lines about refused recordings on the first screen."""
 
@@ -60,19 +59,14 @@ def process(
     out = fleet.local(out_dir)
     items = fleet.items_of(job, recordings, out)
     out.mkdir(parents=True, exist_ok=True)
-    try:
-        with progress_bar() as progress, started(workers) as map_unordered:
-            options = [f"--{name.replace('_', '-')}" for name in vars(job) | getattr(job, "options", {})]
-            rows = [
-                {**row, "refused": as_typed(row["refused"], options)}
-                for row in fleet.run_all(items, map_unordered, progress)
-            ]
-            table, others = fleet.write_table(out, rows), fleet.products_of_others(job, rows, out)
-    except KeyboardInterrupt:
-        errors.print(f"Interrupted; {CONTINUE_HINT}.", soft_wrap=True)
-        raise
-    except ChildProcessError as error:
-        raise RecordingError(f"{error}; {CONTINUE_HINT}") from None
+    kept = resumable(out_dir, "finished recordings are kept; run the same command to continue", RecordingError)
+    with kept, progress_bar() as progress, started(workers) as map_unordered:
+        options = [f"--{name.replace('_', '-')}" for name in vars(job) | getattr(job, "options", {})]
+        rows = [
+            {**row, "refused": as_typed(row["refused"], options)}
+            for row in fleet.run_all(items, map_unordered, progress)
+        ]
+        table, others = fleet.write_table(out, rows), fleet.products_of_others(job, rows, out)
     refused = table[table.refused != ""]
     reasons = lines_of(refused.refused)
     if len(reasons) > MOST_REFUSED:

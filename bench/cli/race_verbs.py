@@ -1,8 +1,7 @@
 """Verbs around runs: ``race``, ``resume``, ``report``, ``solvers``."""
 
 import shlex
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from dataclasses import fields
 from datetime import UTC, datetime
 from enum import StrEnum
@@ -19,7 +18,7 @@ from bench.processes.solver_child import STANDARD, SolverPool
 from bench.races.run_problems import left_out
 from bench.races.runs import carry_on, open_run, settings_of, start, write
 from bench.races.settings import RaceSettings
-from bench.report.console import console, errors, lines_of, print_report, print_result, progress_bar
+from bench.report.console import console, lines_of, print_report, print_result, progress_bar, resumable
 from bench.report.report import Report
 from bench.report.words import by_heading
 from bench.store import Run, RunError
@@ -156,13 +155,12 @@ def race_verb(
     made = RaceSettings(**values)
     workers.check()
     name = datetime.now(UTC).strftime("%Y%m%d-%H%M%S") if name is None else name
-    with _resumable(out / name, made.code):
-        run = start(out, made, name)
-        try:
-            _finish(run, workers, as_json)
-        except (RaceError, ProblemSetError):
-            run.discard()
-            raise
+    run = start(out, made, name)
+    try:
+        _finish(run, workers, as_json, made.code)
+    except (RaceError, ProblemSetError):
+        run.discard()
+        raise
 
 
 def _settings_by_solver(texts: Sequence[str]) -> dict[str, str]:
@@ -213,8 +211,7 @@ def resume_verb(
             )
         if len(rows := opened.rows_so_far()):
             opened.check_machines(rows, "parts")
-        with _resumable(run, used):
-            _finish(opened, workers, as_json)
+        _finish(opened, workers, as_json, used)
 
 
 def report_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")], as_json: AsJson = False) -> None:
@@ -249,26 +246,13 @@ def solvers_verb(as_json: AsJson = False) -> None:
     print_result(by_heading(headings, rows), as_json, (headings, rows, 6), ours)
 
 
-@contextmanager
-def _resumable(run: Path, code: Iterable[str]) -> Iterator[None]:
-    """Say how to continue a run with these Python files, if its folder is there when it ends early."""
-    words = ["piezobench", "resume", str(run), *(word for file in sorted(code) for word in ("--solver", file))]
-    resume = f"finished tasks are kept; run '{shlex.join(words)}' to continue"
-    try:
-        yield
-    except (OSError, KeyboardInterrupt) as error:
-        if not (run / "run.json").is_file():
-            raise
-        if isinstance(error, OSError):
-            raise RunError(f"{run}: {error.strerror or error}; {resume}") from None
-        errors.print(f"Interrupted; {resume}.", soft_wrap=True)
-        raise
-
-
-def _finish(run: Run, workers: engine.Workers, as_json: bool) -> None:
-    with progress_bar() as progress:
-        carry_on(run, progress, workers)
-    report_verb(run.path, as_json)
+def _finish(run: Run, workers: engine.Workers, as_json: bool, code: Iterable[str]) -> None:
+    """Do the rest of a race, and show its report; an interrupted one is continued with these Python files."""
+    words = ["piezobench", "resume", str(run.path), *(word for file in sorted(code) for word in ("--solver", file))]
+    with resumable(str(run.path), f"finished tasks are kept; run '{shlex.join(words)}' to continue", RunError):
+        with progress_bar() as progress:
+            carry_on(run, progress, workers)
+        report_verb(run.path, as_json)
 
 
 def _show(run: Run, report: Report, path: Path, as_json: bool) -> None:

@@ -64,6 +64,18 @@ def progress_bar(what: str = "") -> Iterator[task.Progress]:
         yield lambda what, done, total: bar.update(shown, description=terminal(what), completed=done, total=total)
 
 
+@contextmanager
+def resumable(what: str, hint: str, refused: type[ValueError]) -> Iterator[None]:
+    """Say how to continue work whose finished parts are kept, if it ends early."""
+    try:
+        yield
+    except OSError as error:
+        raise refused(f"{what}: {error.strerror or error}; {hint}") from None
+    except KeyboardInterrupt:
+        errors.print(f"Interrupted; {hint}.", soft_wrap=True)
+        raise
+
+
 def lines_of(texts: Iterable[str]) -> list[str]:
     """Sentences in lines of at most COLUMNS."""
     return [
