@@ -10,7 +10,7 @@ from bench.cli.options import NoDynamics, check_option, check_writable
 from bench.live.device import Declared, SimulatedStage, stage_of
 from bench.live.session import run, stream_beside
 from bench.live.settings import REFERENCES, Learn, LiveSettings, first_model
-from bench.report.console import console
+from bench.report.console import print_result
 from piezo_model.units import quantity
 
 SHARE = 0.6
@@ -109,13 +109,9 @@ def live_verb(
         make, name, declared, first, model is not None, learn, integral_gain, samples, words, rate, seconds
     )
     settings.compensator()  # or a sentence why there is none
-    inverted = first.lag_s and (
-        f"The output lags the reference by {quantity(first.lag_s, 's', 3)}, since the dynamics of the stage are "
-        "inverted."
-    )
-    for sentence in filter(None, (inverted, first.warning, settings.out_of_reach())):
-        console.print(sentence)
+    lag = quantity(first.lag_s, "s", 3)
+    inverted = f"The output lags the reference by {lag}, since the dynamics of the stage are inverted."
+    print_result(None, False, inverted if first.lag_s else "", first.warning, settings.out_of_reach())
     sentences, status = run(settings, record, (host, port) if page else None)
-    for sentence in sentences:
-        console.print(sentence)
+    print_result(None, False, *sentences)
     raise typer.Exit(status)

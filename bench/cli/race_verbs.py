@@ -19,7 +19,6 @@ from bench.races.run_problems import left_out
 from bench.races.runs import carry_on, open_run, settings_of, start, write
 from bench.races.settings import RaceSettings
 from bench.report.console import console, lines_of, print_report, print_result, progress_bar, resumable
-from bench.report.report import Report
 from bench.report.words import by_heading
 from bench.store import Run, RunError
 from bench.timing import machine
@@ -218,8 +217,31 @@ def report_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")],
     """Write the report of a run again and show its verdict."""
     opened = open_run(run)
     with progress_bar("writing the report"):
-        written = write(opened)
-    _show(opened, *written, as_json)
+        report, path = write(opened)
+    page, excluded, settings = path.with_suffix(".html"), left_out(opened), opened.settings
+    absent, in_sets = settings.get("absent", {}), settings.get("there_are", {})
+    raced = {name: len(problems) for name, problems in settings.get("problems", {}).items()}
+    names = ", ".join(absent) if len(absent) <= MOST_NAMED else f"{len(absent)} solver lanes"
+    count, total = sum(raced.values()), sum((raced | in_sets).values())
+    cut = in_sets and not settings["settings"].get("problems")
+    notes = [
+        f"Absent, so not raced: {names} (run.json says why)." if absent else "",
+        *settings.get("conditions", {}).get("warnings", []),
+        *machine.elsewhere(f"The run {opened.path.name}", opened.machine_names),
+        f"{count} of {total} problems were raced; --limit 0 races all." if cut else "",
+    ]
+    below = lines_of(notes)
+    if excluded:
+        below += ["", f"Not raced, {len(excluded)} of {len(excluded) + count} problems:", *map(": ".join, excluded)]
+    print_report(
+        report,
+        {"run": run, "report": path, "page": page, "left_out": dict(excluded), **report.document},
+        as_json,
+        below,
+        [f"Page: {page}", f"Report: {path}", *filter(None, [report.failed])],
+    )
+    if report.failed:
+        raise typer.Exit(1)
 
 
 def solvers_verb(as_json: AsJson = False) -> None:
@@ -253,31 +275,3 @@ def _finish(run: Run, workers: engine.Workers, as_json: bool, code: Iterable[str
         with progress_bar() as progress:
             carry_on(run, progress, workers)
         report_verb(run.path, as_json)
-
-
-def _show(run: Run, report: Report, path: Path, as_json: bool) -> None:
-    """The first screen, in 100 columns and 40 lines, then problems that were left out and the report's files."""
-    page, excluded, settings = path.with_suffix(".html"), left_out(run), run.settings
-    absent, in_sets = settings.get("absent", {}), settings.get("there_are", {})
-    raced = {name: len(problems) for name, problems in settings.get("problems", {}).items()}
-    names = ", ".join(absent) if len(absent) <= MOST_NAMED else f"{len(absent)} solver lanes"
-    count, total = sum(raced.values()), sum((raced | in_sets).values())
-    cut = in_sets and not settings["settings"].get("problems")
-    notes = [
-        f"Absent, so not raced: {names} (run.json says why)." if absent else "",
-        *settings.get("conditions", {}).get("warnings", []),
-        *machine.elsewhere(f"The run {run.path.name}", run.machine_names),
-        f"{count} of {total} problems were raced; --limit 0 races all." if cut else "",
-    ]
-    below = lines_of(notes)
-    if excluded:
-        below += ["", f"Not raced, {len(excluded)} of {len(excluded) + count} problems:", *map(": ".join, excluded)]
-    print_report(
-        report,
-        {"run": run.path, "report": path, "page": page, "left_out": dict(excluded), **report.document},
-        as_json,
-        below,
-        [f"Page: {page}", f"Report: {path}", *filter(None, [report.failed])],
-    )
-    if report.failed:
-        raise typer.Exit(1)

@@ -31,7 +31,6 @@ SENTENCES = {
     "is not known.",
 }
 """Meaning of the error, by the role of the last fifth."""
-SIMULATED = "simulated"
 
 
 @dataclass(frozen=True)
@@ -151,7 +150,7 @@ def _find_problem(run: Run, problem: str | None, simulated: bool) -> tuple[str, 
 
 
 def _is_simulated(key: tuple[str, str]) -> bool:
-    return problems.find(key[0]).origin == SIMULATED
+    return problems.find(key[0]).origin == "simulated"
 
 
 def _of_problem(run: Run, key: tuple[str, str]) -> ChosenModel:

@@ -29,14 +29,6 @@ MOST_GAP = 1e3
 MOST_IN_PROFILE = 10
 
 
-def named(table: pd.DataFrame) -> pd.DataFrame:
-    """The table with ``view`` and ``name`` of the solver lane."""
-    return table.assign(
-        view=table.problem_set + ", " + table.scaling + " data",
-        name=table.solver.map(marked) + " (" + table.lane + ")",
-    )
-
-
 def work_precision(measurements: Measurements) -> pd.DataFrame:
     """Worst gap or violation, timed answers included, against the time of an answer, one row per solver and setting
     that answers all its problems, in the lane that is the best of the solver in the short table.
@@ -87,10 +79,13 @@ def _timed(measurements: Measurements) -> pd.DataFrame:
     The paper's method, whose settings are numbers of steps, is left out.
     """
     rows = measurements.lanes[measurements.lanes.start == "cold"]
-    table = named(at_tiers(rows, measurements.settings, "furthest"))
+    table = at_tiers(rows, measurements.settings, "furthest")
     table = table[(table.tier == Tier.HIGH) & (table.solver != PAPER)]
     return table.assign(
-        time_us=table.answer_us.where(table.right, np.inf).fillna(np.inf), own=measurements.is_own(table)
+        view=table.problem_set + ", " + table.scaling + " data",
+        name=table.solver.map(marked) + " (" + table.lane + ")",
+        time_us=table.answer_us.where(table.right, np.inf).fillna(np.inf),
+        own=measurements.is_own(table),
     )
 
 

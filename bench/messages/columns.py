@@ -159,8 +159,10 @@ def _checked(values: pa.ChunkedArray, field: pa.Field) -> pa.ChunkedArray:
     lowest = (
         None if least is None else pc.min(pc.list_flatten(values) if pa.types.is_list(expected) else values).as_py()
     )
-    if lowest is not None and lowest < least:
-        raise ValueError(f"column {column!r} holds {lowest:g}, below the least possible value {least}")
+    check(
+        lowest is None or not lowest < least,
+        f"column {column!r} holds {lowest}, below the least possible value {least}",
+    )
     if column in ("setting", "settings"):
         with refusing(ValueError, f"column {column!r} holds text that is not settings in JSON: "):
             _ = [decoded(text or "", dict[str, Any]) for text in values.unique().to_pylist()]

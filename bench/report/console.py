@@ -25,10 +25,6 @@ COLUMNS, LINES = 100, 40
 """Size of the first screen."""
 
 
-Rows = tuple[Any, ...]
-"""Arguments of :func:`print_table`."""
-
-
 class PlainConsole(Console):
     """Shows text as it is: names and units such as [um] come from users' files and are neither markup nor control
     sequences."""
@@ -99,9 +95,9 @@ def print_table(
     (console if console.is_terminal else PlainConsole(width=width)).print(table)
 
 
-def print_result(document: Any, as_json: bool, *parts: str | Rows) -> None:
-    """Print the result of a verb: a JSON document, where null is an unknown number, or sentences and tables in this
-    order, those that are empty left out."""
+def print_result(document: Any, as_json: bool, *parts: str | tuple[Any, ...]) -> None:
+    """Print the result of a verb: a JSON document, where null is an unknown number, or sentences and tables (the
+    arguments of :func:`print_table`) in this order, those that are empty left out."""
     if as_json:
         print(json.dumps(plain_json(document), indent=1, allow_nan=False))
         return
@@ -116,7 +112,7 @@ def print_report(report: Report, document: Any, as_json: bool, below: Sequence[s
     """Print a JSON document, or the first screen of a report: the verdict, the rows of the short table that fit, the
     lines below, and lines that name its files."""
     lines, shown = lines_of(report.verdict), report.terminal or report.table
-    parts: list[str | Rows] = []
+    parts: list[str | tuple[Any, ...]] = []
     if shown is not None and shown.rows:
         lines += ["", *lines_of([f"{shown.title}. {shown.note}" if shown.note else f"{shown.title}:"])]
         rows = shown.rows[: max(LINES - len(lines) - len(below) - AROUND, FEWEST_ROWS)]
