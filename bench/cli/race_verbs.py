@@ -19,7 +19,7 @@ from bench.races.run_problems import left_out
 from bench.races.runs import carry_on, open_run, settings_of, start, write
 from bench.races.settings import RaceSettings
 from bench.report.console import console, lines_of, print_report, print_result, progress_bar, resumable
-from bench.report.words import by_heading
+from bench.report.words import by_heading, solver_lanes
 from bench.store import Run, RunError
 from bench.timing import machine
 from bench.timing.clock import Effort
@@ -27,8 +27,6 @@ from piezo_model.json_file import decoded
 from solvers import Lane, entries
 from solvers.registry import OURS
 
-MOST_NAMED = 3
-"""Most absent solver lanes that are named on the first screen."""
 FEW = 3
 """Default number of problems of each set, if neither sets nor files are named."""
 
@@ -221,11 +219,10 @@ def report_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")],
     page, excluded, settings = path.with_suffix(".html"), left_out(opened), opened.settings
     absent, in_sets = settings.get("absent", {}), settings.get("there_are", {})
     raced = {name: len(problems) for name, problems in settings.get("problems", {}).items()}
-    names = ", ".join(absent) if len(absent) <= MOST_NAMED else f"{len(absent)} solver lanes"
     count, total = sum(raced.values()), sum((raced | in_sets).values())
     cut = in_sets and not settings["settings"].get("problems")
     notes = [
-        f"Absent, so not raced: {names} (run.json says why)." if absent else "",
+        f"Absent, so not raced: {solver_lanes(len(absent))} (run.json says why)." if absent else "",
         *settings.get("conditions", {}).get("warnings", []),
         *machine.elsewhere(f"The run {opened.path.name}", opened.machine_names),
         f"{count} of {total} problems were raced; --limit 0 races all." if cut else "",

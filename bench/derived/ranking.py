@@ -37,6 +37,10 @@ from solvers import Lane
 from solvers.registry import FAMILIES, OURS
 
 PACE = f"paper's method{MARK}"
+COST_GAP = (
+    "Cost gap: the cost above the proven optimum V*, over V* + c, the squared error of the best model: 1e-3 is 0.1 % "
+    "more squared error than necessary; for a program from a file, over max(½ x*ᵀPx*, |qᵀx*|)."
+)
 ORDER = (Tier.HIGH, Tier.MID, Tier.LOW)
 TIER_NAMES = {Tier.LOW: "1e-3", Tier.MID: "1e-6", Tier.HIGH: "1e-9", Tier.EXACT: "1e-12", Tier.STAGE: "stage"}
 """Name of a tier on the first screen."""
@@ -110,7 +114,7 @@ def of_paper(rows: pd.DataFrame) -> pd.DataFrame:
     return rows[(rows.lane == lane) & (rows.status != Status.UNSUPPORTED)]
 
 
-def short_table(lines: Sequence[Line], note: str, terminal: bool = False) -> Table:
+def short_table(lines: Sequence[Line], terminal: bool = False) -> Table:
     """The ranking as text, in cells of at most eleven characters; for a terminal without the wrapper lanes."""
     lines = [line for line in lines if not terminal or line.lane not in FAMILIES] or lines
     targets = [tier for tier in TARGETS if any(tier in line.results for line in lines)]
@@ -135,8 +139,8 @@ def short_table(lines: Sequence[Line], note: str, terminal: bool = False) -> Tab
         rows,
         2,
         ("lane",),
-        f"{note} Times: µs of update and solve at the loosest setting that is right on every problem. ✗2/3: there is "
-        "none; the best is right on 2 of 3. Lanes that were raced on fewer problems come last, with their number. ="
+        f"{COST_GAP} Times: µs of update and solve at the loosest setting that is right on every problem. ✗2/3: there "
+        "is none; the best is right on 2 of 3. Lanes that were raced on fewer problems come last, with their number. ="
         f": the same setting as in the column before. {OURS_NOTE}",
         tips={
             (i, 2 + targets.index(tier)): f"errs most on {result.worst}"
@@ -161,14 +165,6 @@ def _cells(results: Sequence[Any]) -> list[str]:
         else f"{result.us:.1e}".replace("e+0", "e")
         for before, result in pairwise([None, *results])
     ]
-
-
-def yardstick(foreign: bool, own: bool) -> str:
-    """Definition of the cost gap and its denominator."""
-    ours = "V* + c, the squared error of the best model: 1e-3 is 0.1 % more squared error than necessary"
-    theirs = "max(½ x*ᵀPx*, |qᵀx*|) where the cost of a program from a file is not a sum of squares"
-    over = "; over ".join(text for text, there in ((ours, own), (theirs, foreign)) if there)
-    return f"Cost gap: the cost above the proven optimum V*, over {over}."
 
 
 BESIDE = (

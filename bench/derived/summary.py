@@ -73,11 +73,6 @@ def summary(measurements: Measurements) -> pd.DataFrame:
     )
 
 
-def raced(table: pd.DataFrame, start: str = "cold") -> pd.DataFrame:
-    """The rows of a summary with this start, without the floor."""
-    return table[(table.status != NOTHING) & (table.start == start)]
-
-
 def failures(rows: pd.DataFrame) -> pd.DataFrame:
     """WRONG, one row per solver lane, scaling and status: the number of failures, and the first. Rows that were not run
     are no failures, and timed answers that are not finite are."""

@@ -127,21 +127,11 @@ def _stage(measurements: Measurements) -> Iterator[str]:
     )
 
 
-def notes(measurements: Measurements, summary: pd.DataFrame) -> list[str]:
-    """Further findings: other scalings, warm starts, cold caches."""
-    others = _steps(measurements.lanes[measurements.lanes.scaling != measurements.scaling]).groupby("scaling")
-    return [
-        *(f"On {scaling} data the paper's method {_ends(steps)} after its 15 200 steps." for scaling, steps in others),
-        *_warm(summary),
-        *_interleaved(measurements),
-    ]
-
-
-def _warm(table: pd.DataFrame) -> Iterator[str]:
+def warm_starts(table: pd.DataFrame) -> Iterator[str]:
     """Benefit of starting at the optimum of the problem before."""
-    table = table.drop_duplicates([name for name in summaries.GROUP if name != "tier"])
+    table = table[table.status != summaries.NOTHING].drop_duplicates([n for n in summaries.GROUP if n != "tier"])
     same = [name for name in summaries.GROUP if name not in ("start", "tier")]
-    both = summaries.raced(table, "warm").merge(summaries.raced(table), on=same, suffixes=("", "_cold"))
+    both = table[table.start == "warm"].merge(table[table.start == "cold"], on=same, suffixes=("", "_cold"))
     for scaling, lanes in both[both.all_right & both.all_right_cold].groupby("scaling", sort=False):
         best = lanes.sort_values("answer_us").iloc[0]
         ratio = lanes.solve_us_p50 / lanes.solve_us_p50_cold
@@ -153,7 +143,7 @@ def _warm(table: pd.DataFrame) -> Iterator[str]:
         )
 
 
-def _interleaved(measurements: Measurements) -> Iterator[str]:
+def cold_caches(measurements: Measurements) -> Iterator[str]:
     """Cost of cold caches."""
     rows = measurements.first_screen(measurements.lanes)
     ratio = (rows.interleaved_us / rows.answer_us).groupby([rows.solver, rows.lane]).median().dropna()

@@ -91,7 +91,6 @@ def report(run: Run, race: RaceSettings) -> Report:
     measurements, settings = Measurements.of(run), run.settings
     lines, table, costs = summary.summary(measurements), ranking.ranking(measurements), optima(run, measurements.rows)
     drifted = settings.get("conditions", {}).get("sentinel_drift", 0.0)
-    note = ranking.yardstick(foreign=bool((costs.c == 0.0).any()), own=not (costs.c == 0.0).all())
     shown = lines.merge(costs.groupby(["problem_set", "scaling"]).optimum.agg(_span).reset_index(), how="left")
     right = shown.right.astype(str) + "/" + shown.problems.astype(str)
     misses = dict(summary.worst_misses(run, measurements, race.keep_misses))
@@ -100,13 +99,14 @@ def report(run: Run, race: RaceSettings) -> Report:
     versions, every = settings.get("lanes", {}), measured(measurements.all_rows)
     return Report(
         verdict.verdict(measurements, run.machine_of(measurements.rows)["core"], drifted),
-        ranking.short_table(table, note),
+        ranking.short_table(table),
         lines,
         figures(measurements),
-        terminal=ranking.short_table(table, note, terminal=True),
+        terminal=ranking.short_table(table, terminal=True),
         scope=f"{measurements.problems} problem{'s' if measurements.problems != 1 else ''}",
         notes=[
-            *verdict.notes(measurements, lines),
+            *verdict.warm_starts(lines),
+            *verdict.cold_caches(measurements),
             *schedule.sentences(at_8_khz),
             *remarks(run, measurements, misses),
         ],
@@ -218,12 +218,12 @@ def remarks(run: Run, measurements: Measurements, misses: Mapping[str, Miss]) ->
 
 
 def optima(run: Run, rows: pd.DataFrame) -> pd.DataFrame:
-    """One row for each problem and scaling: optimal cost ``V``, ``yardstick``, their ratio ``optimum``, and constant
-    ``c``, 0 for a program from a file; NaN if the problem's file is missing."""
+    """One row for each problem and scaling: optimal cost ``V``, ``yardstick``, their ratio ``optimum``, and the optimal
+    ``objective`` of its source; NaN if the problem's file is missing."""
     problems = rows.drop_duplicates(["problem_set", "problem", "scaling"])[["problem_set", "problem", "d", "scaling"]]
     lines = []
     for line in problems.to_dict("records"):
-        line |= dict.fromkeys(("V", "yardstick", "optimum", "c", "objective"), math.nan)
+        line |= dict.fromkeys(("V", "yardstick", "optimum", "objective"), math.nan)
         with suppress(RunError):
             problem = run.problem(line["problem_set"], line["problem"])
             form = problem.forms[line["scaling"]]
@@ -232,7 +232,6 @@ def optima(run: Run, rows: pd.DataFrame) -> pd.DataFrame:
                 "yardstick": form.yardstick,
                 "optimum": abs(form.certificate.value_rounded) / form.yardstick,
                 "objective": problem.optimum,
-                "c": 0.0 if form.cost_unit else form.c,
             }
         lines.append(line)
     return pd.DataFrame(lines)

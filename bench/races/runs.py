@@ -78,7 +78,11 @@ def environment(run: Run) -> list[tuple[str, str]]:
     settings = run.settings
     lanes = ", ".join(f"{name} {version}" for name, version in settings.get("lanes", {}).items())
     absent = ", ".join(settings.get("absent", {}))
-    chosen = {name: value for name, value in settings["settings"].items() if value not in ([], {}, None, "")}
+    chosen = {
+        name: joined(value) if isinstance(value, list) else value
+        for name, value in settings["settings"].items()
+        if value not in ([], {}, None, "")
+    }
     entries: list[tuple[str, str]] = []
     for host in run.machines.values():
         entries += [

@@ -10,12 +10,9 @@ import socket
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from pathlib import Path
+from contextlib import contextmanager
 
 POLL_S = 0.5
-SHOWN = 200
-"""Characters of a command that are shown."""
 NAME = "\0piezobench-core{}"
 
 
@@ -42,8 +39,7 @@ class Core(socket.socket):
 
 
 def claim(only: int | None = None) -> Core:
-    """Lock a core, by default any free one, the last one first; while none is free, wait, and print which process
-    holds it.
+    """Lock a core, by default any free one, the last one first; while none is free, wait, and say so.
 
     Examples
     --------
@@ -53,8 +49,7 @@ def claim(only: int | None = None) -> Core:
     """
     announced = False
     while True:
-        numbers = usable() if only is None else [only]
-        for number in numbers:
+        for number in usable() if only is None else [only]:
             core = Core(socket.AF_UNIX)
             try:
                 core.bind(NAME.format(number))
@@ -63,26 +58,9 @@ def claim(only: int | None = None) -> Core:
                 if error.errno != errno.EADDRINUSE:
                     raise
             else:
-                core.listen()  # lets others ask whose it is
                 core.number = number
                 return core
         if not announced:
-            print(
-                "waiting for a free core:",
-                ", ".join(f"core {number} is held by {_holder(number)}" for number in numbers),
-                file=sys.stderr,
-                flush=True,
-            )
+            print("waiting for a free core", file=sys.stderr, flush=True)
             announced = True
         time.sleep(POLL_S)
-
-
-def _holder(number: int) -> str:
-    """Process that holds a core, in words; it may belong to another user."""
-    with socket.socket(socket.AF_UNIX) as asking, suppress(OSError):
-        asking.setblocking(False)
-        asking.connect(NAME.format(number))
-        pid = int.from_bytes(asking.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 4), sys.byteorder)
-        command = Path(f"/proc/{pid}/cmdline").read_bytes().rstrip(b"\0").replace(b"\0", b" ")
-        return f"process {pid} ({command.decode(errors='replace')[:SHOWN]!r})"
-    return "another process"

@@ -11,7 +11,7 @@ from measured_rows import NAN, ladder, measured, row, table
 
 from bench.derived.measurements import Measurements, merged
 from bench.derived.ranking import BESIDE, like_with_like, wrapper_share
-from bench.derived.summary import raced, summary
+from bench.derived.summary import summary
 from bench.derived.tiers import FEWEST, TOLERANCE, choice, error, leave_one_out, right, tier_settings
 from bench.messages.task import Row, Status, Tier
 
@@ -343,7 +343,6 @@ def test_a_tier_that_is_not_reached_has_no_row_and_warm_starts_have_their_own() 
     table = summary(measured([*ladder({"p1": [1e-8]}), *ladder({"p1": [1e-12]}, start="warm", solve_us_p50=0.5)]))
     assert set(table.tier) == {"low", "mid"}
     assert table.groupby("start").solve_us_p50.first().to_dict() == {"cold": 1.0, "warm": 0.5}
-    assert set(raced(table, "warm").start) == {"warm"}
 
 
 def test_a_median_of_interleaved_times_is_unknown_if_a_problem_lacks_it() -> None:

@@ -9,14 +9,14 @@ from measured_rows import NAN, ladder, measured, row, steps
 from bench.derived import pictures
 from bench.derived.ranking import ranking, short_table
 from bench.derived.summary import failures, misses, summary
-from bench.derived.verdict import notes, verdict
+from bench.derived.verdict import verdict, warm_starts
 from bench.messages.task import PAPER, Row
 from bench.races.figures import figures
 
 
 def cells(rows: list[Row], terminal: bool = False) -> dict[str, list[str]]:
     """The cells of each line for 1e-3, 1e-6, 1e-9, 1e-12, then the stage and the default."""
-    shown = short_table(ranking(measured(rows)), "", terminal).rows
+    shown = short_table(ranking(measured(rows)), terminal).rows
     return {str(line[0]): [str(cell) for cell in line[2:]] for line in shown}
 
 
@@ -91,7 +91,7 @@ def test_the_table_has_the_times_of_each_lane_in_the_order_of_its_accuracy(
 
 def test_a_tier_that_applies_to_no_problem_has_no_column_and_one_without_a_result_has_a_dash() -> None:
     noisy = ladder({"p1": [1e-14]}, noise_um=0.01, stage_excess=0.0)
-    assert short_table(ranking(measured(ladder({"p1": [1e-14]}))), "").headings[2:] == [
+    assert short_table(ranking(measured(ladder({"p1": [1e-14]})))).headings[2:] == [
         "to 1e-3",
         "to 1e-6",
         "to 1e-9",
@@ -99,9 +99,9 @@ def test_a_tier_that_applies_to_no_problem_has_no_column_and_one_without_a_resul
         "default gap",
     ]
     other = ladder({"p1": [1e-14], "p2": [1e-14]}, solver="osqp", noise_um=0.0)
-    assert short_table(ranking(measured([*noisy, *other])), "").headings[-2] == "stage"
+    assert short_table(ranking(measured([*noisy, *other]))).headings[-2] == "stage"
     assert cells([*noisy, *other])["osqp"][-2] == "–"
-    assert short_table(ranking(measured(FAILS_ONCE)), "").tips == dict.fromkeys(
+    assert short_table(ranking(measured(FAILS_ONCE))).tips == dict.fromkeys(
         ((0, j) for j in (3, 4, 5)), "errs most on p3"
     )
 
@@ -244,7 +244,7 @@ def test_a_note_compares_warm_starts_with_cold_ones() -> None:
         *ladder(RIGHT, solver="osqp", start="warm", solve_us_p50=9.0),
     ]
     found = measured([*ladder(RIGHT, solve_us_p50=4.0), *ladder(RIGHT, start="warm", solve_us_p50=2.0), *others])
-    (warm,) = notes(found, summary(found))
+    (warm,) = warm_starts(summary(found))
     assert warm.startswith(
         "Started from the optimum of the problem before, on scaled data, daqp (direct) is the fastest"
     )
