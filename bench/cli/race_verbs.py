@@ -151,8 +151,7 @@ def race_verb(
     }
     made = RaceSettings(**values)
     workers.check()
-    name = datetime.now(UTC).strftime("%Y%m%d-%H%M%S") if name is None else name
-    run = start(out, made, name)
+    run = start(out, made, datetime.now(UTC).strftime("%Y%m%d-%H%M%S") if name is None else name)
     try:
         _finish(run, workers, as_json, made.code)
     except (RaceError, ProblemSetError):

@@ -173,7 +173,7 @@ class Part:
         """Why tighter settings than that of a row are skipped on this problem, or ""."""
         if row["status"] in (Status.CRASHED, Status.TIMED_OUT, Status.OUT_OF_MEMORY):
             return f"ended with {row['status']}"
-        longest_s = self.settings.time_limit_s / 10.0
+        longest_s = self.settings.longest_s
         return f"took longer than {longest_s:g} s" if row["answer_us"] > 1e6 * longest_s else ""
 
 

@@ -56,7 +56,6 @@ def write(run: Run) -> tuple[Report, Path]:
     machines, conditions = [*run.machines.values()], run.settings.get("conditions", {})
     hosts = {part["host"] for part in conditions.get("parts", ())} or {*run.machine_names}
     where = joined(sorted({f"{host['processor']}, {host['core']}" for host in machines}))
-    drift = conditions.get("sentinel_drift", 0.0)
     limits = [
         f"{'One machine' if len(hosts) == 1 else f'{len(hosts)} hosts'}, one run: compare ratios, not microseconds.",
         *dict.fromkeys(warning for host in machines for warning in host["warnings"]),
@@ -65,7 +64,8 @@ def write(run: Run) -> tuple[Report, Path]:
     result = replace(
         result,
         title=f"Race {run.path.name}",
-        scope=f"{result.scope}; {where}; the machine's speed drifted by {100.0 * drift:.0f} %.",
+        scope=f"{result.scope}; {where}; the machine's speed drifted by "
+        f"{100.0 * conditions.get('sentinel_drift', 0.0):.0f} %.",
         notes=[*filter(None, [result.failed]), *result.notes],
         limits=limits,
         environment=environment(run),

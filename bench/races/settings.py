@@ -50,6 +50,11 @@ class RaceSettings:
     """Settings of the user's for solvers by name, as JSON, which are measured in place of the ladder."""
 
     @property
+    def longest_s(self) -> float:
+        """Longest answer, in seconds, after which tighter settings are tried: a tenth of the time limit."""
+        return self.time_limit_s / 10.0
+
+    @property
     def code(self) -> set[str]:
         """Paths of the Python files that a race executes: solvers, and a test set of qpbenchmark."""
         return {*self.solver_files, *(path for name, path in self.set_options.items() if name == "test_set")}
