@@ -101,7 +101,7 @@ from bench.messages.task import ChildSettings
 class Part:
     result = bytes(1_000_000)  # does not fit into a pipe
 
-    def do(self, pool, tell):
+    def do(self, pool):
         Path("mark").touch()
         time.sleep(0.5)
 
