@@ -1,6 +1,7 @@
 """Problem sets: their range, contents, options and proofs; the set of measured actuators and its files."""
 
 import json
+import re
 import subprocess
 from itertools import islice, pairwise
 from pathlib import Path
@@ -32,8 +33,7 @@ def excitation(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory
     """Output of ``--verify`` for the set, and its problems."""
     folder = tmp_path_factory.mktemp("excitation")
     call = piezobench.run("problems", "--set", "excitation", "--verify", "--export", folder)
-    problems = [RaceProblem.load(path) for path in folder.glob("*.npz")]
-    return call.stdout, {problem.name: problem for problem in problems}
+    return call.stdout, {problem.name: problem for problem in map(RaceProblem.load, folder.glob("*.npz"))}
 
 
 @pytest.fixture(scope="module")
@@ -41,16 +41,18 @@ def drift() -> list[RaceProblem]:
     return list(make("drift").problems())
 
 
+def drive_and_output(duration_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Of the Preisach actuator, at 1 kHz."""
+    x = SIGNALS["multi_sine"](duration_s=duration_s, sample_time=1e-3, low=0.0, high=150.0, seed=3)
+    return x, plants.get("relay_preisach", sample_time=1e-3).run(x)
+
+
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Six seconds of the Preisach actuator, with a sensor offset."""
-    sample_time = 1e-3
-    plant = plants.get("relay_preisach", sample_time=sample_time)
-    x = SIGNALS["multi_sine"](duration_s=6.0, sample_time=sample_time, low=0.0, high=150.0, seed=3)
+    x, y = drive_and_output(6.0)
     path = tmp_path_factory.mktemp("recording") / "stage.csv"
-    write_table(
-        path, {"time_s": np.arange(x.size) * sample_time, "voltage_V": x, "displacement_um": plant.run(x) + 7.0}
-    )
+    write_table(path, {"time_s": np.arange(x.size) * 1e-3, "voltage_V": x, "displacement_um": y + 7.0})
     return path
 
 
@@ -74,8 +76,7 @@ def test_conditions_of_the_bare_problems_span_eight_decades_and_end_in_singular_
     diagonals = np.concatenate([form.qp.P.diagonal() for form in bare])
     np.testing.assert_allclose(diagonals[diagonals > 0], 1.0)
     finite = [form.condition for form in bare if np.isfinite(form.condition)]
-    assert min(finite) < 3e4
-    assert max(finite) > 5e11
+    assert min(finite) < 3e4 < 5e11 < max(finite)
     assert len({int(np.log10(value)) for value in finite}) >= 6
     assert not all(form.certificate.unique for form in bare)
     assert any(form.certificate.convexity_shift > 0 for form in bare)
@@ -83,7 +84,7 @@ def test_conditions_of_the_bare_problems_span_eight_decades_and_end_in_singular_
 
 def test_a_forward_program_leads_from_its_start_to_the_weights_of_the_next_step() -> None:
     problems = list(make("forward").problems())
-    assert len(problems) == len(make("forward").names())
+    assert [problem.name for problem in problems] == make("forward").names()
     for first, second in pairwise(problems):
         form = second.forms["raw"]
         if first.name.partition("-step")[0] == second.name.partition("-step")[0]:
@@ -102,12 +103,12 @@ def test_proofs_are_counted_and_singular_problems_and_shifts_listed_which_a_prox
     for name, problem in problems.items():
         assert not name.endswith("proximal") or all(form.optimum_is_unique for form in problem.forms.values())
         form = problem.forms["scaled"]
-        for words, expected in (
-            ("not unique", not form.certificate.unique),
-            ("since rounding left P indefinite", form.certificate.convexity_shift > 0),
-            ("singular", not form.optimum_is_unique),
-        ):
-            assert (words in lines[name]) == expected
+        expected = {
+            "not unique": not form.certificate.unique,
+            "since rounding left P indefinite": form.certificate.convexity_shift > 0,
+            "singular": not form.optimum_is_unique,
+        }
+        assert {words: words in lines[name] for words in expected} == expected
 
 
 @pytest.mark.parametrize("scaling", SCALINGS)
@@ -133,8 +134,8 @@ def test_a_warm_start_is_the_optimum_before_it_and_feasible(drift: list[RaceProb
         np.testing.assert_allclose(form.to_weights @ form.starts["warm"], before.optimal_weights, rtol=0.0, atol=1e-9)
         assert np.all(form.starts["warm"] >= form.qp.lb)
         line = HysteresisCreepModel.from_weights(problem.validation.structure, form.to_weights @ form.starts["line"])
-        x = np.linspace(*problem.validation.structure.x_range, 9)
-        np.testing.assert_allclose(np.diff(line.simulate(x), 2), 0.0, atol=1e-9)
+        output = line.simulate(np.linspace(*problem.validation.structure.x_range, 9))
+        np.testing.assert_allclose(np.diff(output, 2), 0.0, atol=1e-9)
 
 
 def test_the_optimum_moves_with_the_gain_and_a_warm_start_is_nearer_to_it_than_the_start_of_the_drift(
@@ -187,29 +188,13 @@ def test_the_operators_begin_anew_at_each_sweep_of_a_recording(recording: Path, 
 @pytest.mark.slow
 def test_a_race_reads_a_recording_with_the_options_of_identify(tmp_path: Path, piezobench: CommandLine) -> None:
     """Semicolons, decimal commas, no header, no times, and the output before the input."""
-    x = SIGNALS["multi_sine"](duration_s=3.0, sample_time=1e-3, low=0.0, high=150.0, seed=3)
-    y = plants.get("relay_preisach", sample_time=1e-3).run(x)
     (tmp_path / "stage.txt").write_text(
-        "".join(f"{b:.6f};{a:.6f}\n".replace(".", ",") for a, b in zip(x, y, strict=True))
+        "".join(f"{y:.6f};{x:.6f}\n".replace(".", ",") for x, y in zip(*drive_and_output(3.0), strict=True))
     )
-    reading = (
-        "--recording",
-        tmp_path / "stage.txt",
-        "--header-row",
-        0,
-        "--decimal",
-        ",",
-        "--sample-rate",
-        1000,
-        "--input",
-        2,
-        "--output",
-        1,
-    )
+    reading = ("--header-row", 0, "--decimal", ",", "--sample-rate", 1000, "--input", 2, "--output", 1)
     few = ("--solver", "box_active_set", "--lane", "kernel", "--limit", 1, "--out", tmp_path, "--name", "run")
-    piezobench.run("race", *reading, *few)
-    options = json.loads((tmp_path / "run/run.json").read_text())["settings"]["set_options"]
-    assert options == {
+    piezobench.run("race", "--recording", tmp_path / "stage.txt", *reading, *few)
+    assert json.loads((tmp_path / "run/run.json").read_text())["settings"]["set_options"] == {
         "recording": str(tmp_path / "stage.txt"),
         "input": "2",
         "output": "1",
@@ -270,8 +255,7 @@ def test_both_scalings_have_the_same_optimal_weights(first: RaceProblem) -> None
 
 def test_the_same_seed_gives_the_same_bits_and_another_seed_another_problem(paper: list[RaceProblem]) -> None:
     again, other = (next(find("paper")(seed=seed).problems()) for seed in (0, 1))
-    assert same_problem(again, paper[0])
-    assert not same_problem(other, paper[0])
+    assert [same_problem(paper[0], problem) for problem in (again, other)] == [True, False]
 
 
 @pytest.fixture(scope="module")
@@ -284,11 +268,11 @@ def test_measured_actuators_are_raced_by_default_in_all_lanes_and_have_sources_a
     assert RaceSettings().problem_sets == ("paper", "measured")
     files = list(FOLDER.glob("*.npz"))
     assert len(files) == len(make("measured").names()) >= 3
-    assert all(path.stat().st_size < 30_000 for path in files)
     readme = (FOLDER / "README.md").read_text()
     for path in files:
-        line = next(line for line in readme.splitlines() if f"`{path.name}`" in line)
-        assert "MIT License" in (FOLDER / line.split("[")[1].split("]")[0]).read_text()
+        assert path.stat().st_size < 30_000
+        (licence,) = re.findall(rf"`{path.name}`.*?\[(.*?)\]", readme)
+        assert "MIT License" in (FOLDER / licence).read_text()
 
 
 def test_every_proof_holds_and_other_seeds_use_other_samples(
@@ -298,9 +282,8 @@ def test_every_proof_holds_and_other_seeds_use_other_samples(
         for form in problem.forms.values():
             verify(form.qp, form.certificate)
             assert form.optimum_is_unique
-        programs = [problems[name].forms["raw"].qp.P.tobytes() for problems in by_seed]
-        assert len(set(programs)) == PROGRAMS
-        assert programs[PROGRAMS] == programs[0]
+        *programs, again = (problems[name].forms["raw"].qp.P.tobytes() for problems in by_seed)
+        assert (len(set(programs)), again) == (PROGRAMS, programs[0])
 
 
 def test_the_model_of_an_optimum_follows_the_samples_after_it_and_the_noise_is_below_its_error(

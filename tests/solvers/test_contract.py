@@ -264,12 +264,11 @@ def test_a_check_of_a_program_stands_in_one_function_and_without_it_no_adapter_r
 ) -> None:
     owner, name, replacement, wrong_data = REMOVED[what]
     classes = [entry.load() for entry in available() if entry.name not in COMMERCIAL and entry.path is None]
-    problem = Problem(**FIELDS["ub"] | wrong_data)
 
     def refused(cls: type[Solver]) -> bool:
         monkeypatch.setattr(cls, "build", lambda self, program, rows: None)
         try:
-            cls().setup(problem)
+            cls().setup(Problem(**FIELDS["ub"] | wrong_data))
         except (ValueError, IndexError, Unsupported) as error:
             return what in str(error)
         return False
@@ -340,9 +339,8 @@ def test_after_a_refused_update_nothing_is_answered_until_its_arrays_come_again_
     solver.solve()
     with pytest.raises(ValueError, match=f"^{name}: {sentence}"):
         solver.update(**data)
-    needed = " and ".join(sorted(data))
     for call in (solver.solve, solver.solution, lambda: solver.solve(ZEROS)):
-        with pytest.raises(ValueError, match=f"not ready until the next good update of {needed}$"):
+        with pytest.raises(ValueError, match=f"not ready until the next good update of {' and '.join(sorted(data))}$"):
             call()
     good = {"P": EYE, "q": -ONES}
     if len(data) == 2:

@@ -144,8 +144,7 @@ def ready(lane: Lane, name: str, problem: Problem, tolerance: float | None = 1e-
 
 def richest(lane: Lane, name: str) -> str:
     """The form with rows, or the one that every solver takes."""
-    rows = (lane, name, "rows") in TAKEN or (lane is Lane.KERNEL and name in COMPILED)
-    return "rows" if rows else "one-sided"
+    return "rows" if (lane, name, "rows") in TAKEN or (lane is Lane.KERNEL and name in COMPILED) else "one-sided"
 
 
 @pytest.mark.parametrize(("lane", "name", "form"), parts(TAKEN))
@@ -226,12 +225,9 @@ def test_an_answer_is_that_of_the_last_data_whatever_was_solved_before_and_a_sol
     problem, which = pair(richest(lane, name), 9), 0
     solver = ready(lane, name, problem.problems[0])
     for step in "sosswwqsowsoowPqw":  # solve cold or warm, pass the data of the other problem, pass q or P again
-        given = problem.problems[which]
-        if step == "o":
-            which = 1 - which
-            solver.update(problem.problems[which].P, problem.problems[which].q)
-        elif step in "Pq":
-            solver.update(**{step: getattr(given, step)})
+        which = 1 - which if step == "o" else which
+        if step in "oPq":
+            solver.update(**{part: getattr(problem.problems[which], part) for part in step.replace("o", "Pq")})
         else:
             start = problem.answers[1 - which] if step == "w" and name in WARM else None
             assert problem.error(solver.solve(start), which) <= stated(lane, name).mid
@@ -287,8 +283,8 @@ def test_rows_that_contradict_each_other_are_never_called_found(lane: Lane, name
 
 @pytest.mark.parametrize("lane", [Lane.DIRECT, Lane.QPSOLVERS])
 def test_a_library_that_breaks_on_a_problem_has_no_answer(lane: Lane) -> None:
-    solver = ready(lane, "cvxopt", Problem(np.eye(2), np.ones(2), lb=np.full(2, -1e30), ub=np.full(2, 1e30)))
-    assert np.isnan(solver.solve()).all()
+    broken = Problem(np.eye(2), np.ones(2), lb=np.full(2, -1e30), ub=np.full(2, 1e30))
+    assert np.isnan(ready(lane, "cvxopt", broken).solve()).all()
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")  # of qpsolvers and cvxpy, and true
