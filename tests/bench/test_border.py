@@ -309,8 +309,7 @@ def test_a_run_that_names_a_test_set_is_continued_only_with_its_file(
     piezobench: CommandLine, clean_race: Race, tmp_path: Path
 ) -> None:
     file = text_file(tmp_path, HARM, name="mine.py")
-    options = {"problem_sets": ["test_set"], "set_options": {"test_set": str(file)}}
-    run = clean_race.unfinished(tmp_path / "run", **options)
+    run = clean_race.unfinished(tmp_path / "run", problem_sets=["test_set"], set_options={"test_set": str(file)})
     assert f"names the Python file {file}, whose code would run" in piezobench("resume", run.path).refusal
     assert not (tmp_path / "HARMED").exists()
     assert "'Mine' object is not iterable" in piezobench("resume", run.path, "--test-set", file).refusal
@@ -330,10 +329,9 @@ def test_a_run_that_links_to_another_folder_is_refused_and_that_folder_is_untouc
 
 def test_a_set_whose_name_is_code_is_not_exported_as_a_test_set(clean_race: Race, tmp_path: Path) -> None:
     (tmp_path / "from").mkdir()
-    name = 'x"""; import os; os.system("touch HARMED"); """'
     with np.load(next((clean_race.run.path / "problems").glob("*.npz"))) as arrays:
-        meta = json.dumps({**json.loads(str(arrays["meta"])), "set": name})
-        np.savez(tmp_path / "from" / "p.npz", **{**arrays, "meta": np.array(meta)})
+        meta = json.loads(str(arrays["meta"])) | {"set": 'x"""; import os; os.system("touch HARMED"); """'}
+        np.savez(tmp_path / "from" / "p.npz", **{**arrays, "meta": np.array(json.dumps(meta))})
     call = in_process("problems", "--set", "foreign", "--folder", tmp_path / "from", "--export", tmp_path / "out")
     assert "there is no certified problem" in call.refusal
     assert re.search("p.npz.*the field 'set' is wrong", call.stdout)

@@ -27,6 +27,7 @@ from command_line import (
     wait_until_gone,
     without_waiting,
 )
+from recording_files import text_file
 
 from bench.live.session import stream_beside
 from bench.timing import cores
@@ -60,18 +61,20 @@ class Stage:
         words = [sys.executable, str(STAGES / "tcp_server.py"), "0", str(folder / "drive.log")]
         self.server = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
         port = self.server.stdout.readline().split()[1]
-        text = (STAGES / "tcp_stage.py").read_text().replace("127.0.0.1:7654", f"127.0.0.1:{port}")
-        # patient, since the machine may be busy with other tests
-        self.text = text.replace("timeout_s = 0.5", "timeout_s = 3.0")
-        self.file = folder / "stage.py"
-        self.file.write_text(self.text)
+        self.text = (
+            (STAGES / "tcp_stage.py")
+            .read_text()
+            .replace("127.0.0.1:7654", f"127.0.0.1:{port}")
+            .replace("timeout_s = 0.5", "timeout_s = 3.0")  # patient, since other tests may keep the machine busy
+        )
+        self.file = text_file(folder, self.text, name="stage.py")
 
     def faulty(self, method: str, code: str, at: int = 1) -> tuple[Path, Path]:
         """File of a stage that fails from that call of a method on, in the first process that opens it; and the file
         that says that it did."""
-        file, mark = self.folder / "faulty.py", self.folder / "failed"
-        file.write_text(FAULTY.format(stage=self.text, mark=str(mark), method=method, at=at, code=code))
-        return file, mark
+        mark = self.folder / "failed"
+        text = FAULTY.format(stage=self.text, mark=str(mark), method=method, at=at, code=code)
+        return text_file(self.folder, text, name="faulty.py"), mark
 
     def drives(self) -> np.ndarray:
         """Drives so far."""
@@ -265,8 +268,7 @@ def test_however_and_whenever_a_run_ends_it_keeps_what_it_promises(
     assert ended.stderr.count("\n") == (ended.status == 2), ended.stderr
     x = np.concatenate([[0.0], stage.drives()])
     assert end.begins in (x.size > 1, None)
-    assert x.min() >= 0.0
-    assert x.max() <= LIMIT
+    assert 0.0 <= x.min() <= x.max() <= LIMIT
     assert np.abs(np.diff(x)).max(initial=0.0) <= SLOPE / rate * (1.0 + 1e-9)
     assert x[-1] == 0.0 or not end.at_rest
     if end.begins:
