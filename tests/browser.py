@@ -51,7 +51,7 @@ class Browser:
         self.driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
 
     def open(self, page: Path | str, width: str = "desktop", dark: bool = False) -> None:
-        """Open a page from disk, or at an address, and wait until its plots are drawn."""
+        """Open a page from disk, or at an address, and wait until its plots are drawn; it must log nothing."""
         self.console(), self.requests()  # drops the entries of the page before
         pixels = WIDTHS[width]
         self.driver.execute_cdp_cmd(
@@ -64,6 +64,7 @@ class Browser:
         )
         self.driver.get(page if isinstance(page, str) else page.resolve().as_uri())
         self.wait_until(lambda: all(plot["drawn"] for plot in self.plots()))
+        assert self.console() == []
 
     def wait_until(self, condition: Callable[[], object]) -> None:
         """Wait until a condition holds; if it never does, the test fails with the state of the page."""
@@ -90,7 +91,6 @@ class Browser:
         """Ids of the sections of a report; asserts that all plots are drawn and the page fits every screen."""
         for width, pixels in WIDTHS.items():
             self.open(page, width)
-            assert self.console() == []
             assert all(plot["marks"] > 0 for plot in self.plots())
             assert self.run("return document.documentElement.scrollWidth") <= pixels
         found: list[str] = self.run("return [...document.querySelectorAll('section[id]')].map(s => s.id)")

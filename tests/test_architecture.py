@@ -124,8 +124,8 @@ def test_an_import_that_points_up_or_sideways_is_found(tmp_path: Path) -> None:
 def test_every_solver_file_of_a_folder_holds_one_solver_of_its_name() -> None:
     from solvers import Lane, registry
 
-    for entry in registry.available():
-        assert entry.lane not in (Lane.KERNEL, Lane.DIRECT) or entry.load().name == entry.name
+    ours = [entry for entry in registry.available() if entry.lane in (Lane.KERNEL, Lane.DIRECT)]
+    assert [entry.load().name for entry in ours] == [entry.name for entry in ours]
 
 
 @pytest.mark.parametrize(

@@ -87,8 +87,10 @@ for name in ("npz", "mat", "h5", "tdms", "xlsx"):
 
 def test_the_command_refuses_other_systems_in_one_sentence_whatever_the_verb(tmp_path: Path) -> None:
     done = python("-W", NO_DYLD, "-c", f"{HIDE}from bench.cli import main; main()", "race", folder=tmp_path, status=2)
-    said = "piezobench: Linux only; on this system the library works from Python: piezo_model\n"
-    assert (done.stdout, done.stderr) == ("", said)
+    assert (done.stdout, done.stderr) == (
+        "",
+        "piezobench: Linux only; on this system the library works from Python: piezo_model\n",
+    )
     assert not list(tmp_path.iterdir())
 
 
@@ -151,8 +153,7 @@ def test_the_library_identifies_compensates_learns_and_solves_without_linux_and_
     tmp_path: Path,
 ) -> None:
     assert {"pandas", "typer"} <= absent()
-    program = REFUSE.format(absent=absent()) + HIDE + LIBRARY
-    done = python("-W", NO_DYLD, "-c", program, folder=tmp_path)
+    done = python("-W", NO_DYLD, "-c", REFUSE.format(absent=absent()) + HIDE + LIBRARY, folder=tmp_path)
     assert (done.stdout, done.stderr) == ("", "")
 
 

@@ -308,12 +308,14 @@ def solve(self, warm_start=None):
 }
 
 
-def written(folder: Path, name: str) -> Path:
-    """The file of one solver."""
+def written(folder: Path, name: str, cheat: str | None = None) -> Path:
+    """The file of one solver, with its cheat or another one."""
     path = folder / f"{name}.py"
     path.write_text(
         FILE.format(
-            name=name, lane="KERNEL" if name == "times_itself" else "DIRECT", cheat=indent(CHEATS[name], "    ")
+            name=name,
+            lane="KERNEL" if name == "times_itself" else "DIRECT",
+            cheat=indent(CHEATS[name] if cheat is None else cheat, "    "),
         )
     )
     return path

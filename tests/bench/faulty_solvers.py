@@ -107,8 +107,8 @@ def text(name: str, verb: str = "solve(self)", fault: str = "pass") -> str:
     return FILE.format(name=name, verb=verb, fault=fault)
 
 
-def written(folder: Path, name: str, verb: str = "solve(self)", fault: str = "pass") -> Path:
-    """The file of a solver, by default a faultless one."""
+def written(folder: Path, name: str, verb: str = "solve(self)", fault: str = "pass", more: str = "") -> Path:
+    """The file of a solver, by default a faultless one, with more methods or functions at its end."""
     path = folder / f"{name}.py"
-    path.write_text(text(name, verb, fault))
+    path.write_text(text(name, verb, fault) + more)
     return path

@@ -54,14 +54,13 @@ TAMPERED = (
 @pytest.fixture(scope="module")
 def cheats(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
     folder = tmp_path_factory.mktemp("cheats")
-    files = [word for path in cheating_solvers.write_all(folder) for word in ("--solver", path)]
     return race_of(
         piezobench,
         folder,
         "cheats",
         *("--set", "paper", "--limit", 1, "--scaling", "scaled", "--rounds", 0, "--budget", 0.2),
         *("--solver", "daqp", "--lane", "direct", "--lane", "kernel"),
-        *files,
+        *(word for path in cheating_solvers.write_all(folder) for word in ("--solver", path)),
     )
 
 
@@ -122,18 +121,18 @@ def test_the_worst_judged_answer_is_stored_with_its_data_and_can_be_judged_again
 QP = Problem(np.eye(18), -np.linspace(-1.0, 1.0, 18), lb=np.zeros(18), ub=np.full(18, np.inf))
 FORM = CertifiedForm(QP, 1.0, np.eye(18), certify(QP, np.zeros(18)), cost_unit=1.0)
 RANDOMISED = """
-    def solve(self, warm_start=None):
-        for _ in range(1 + np.random.default_rng().integers(3)):
-            x = self.right(self.P, self.q)
-        return x + np.random.default_rng().uniform(0.0, 1e-15, x.size)
+def solve(self, warm_start=None):
+    for _ in range(1 + np.random.default_rng().integers(3)):
+        x = self.right(self.P, self.q)
+    return x + np.random.default_rng().uniform(0.0, 1e-15, x.size)
 """
 TAILED = """
-    def solve(self, warm_start=None):
-        self.calls += 1
-        end = time.process_time_ns() + (100_000_000 if self.calls == 6 else 1_000_000)
-        while time.process_time_ns() < end:
-            pass
-        return self.right(self.P, self.q)
+def solve(self, warm_start=None):
+    self.calls += 1
+    end = time.process_time_ns() + (100_000_000 if self.calls == 6 else 1_000_000)
+    while time.process_time_ns() < end:
+        pass
+    return self.right(self.P, self.q)
 """
 
 
@@ -141,8 +140,7 @@ TAILED = """
 def test_an_honest_solver_is_right_in_every_run_and_a_slow_call_is_no_median(
     solve: str, runs: int, tmp_path: Path
 ) -> None:
-    file = cheating_solvers.written(tmp_path, "honest")
-    file.write_text(file.read_text() + solve)
+    file = cheating_solvers.written(tmp_path, "honest", solve)
     problem = RaceProblem("none", "none", {"scaled": FORM})
     task = Task("none", "none", "scaled", "honest", Lane.DIRECT, NO_SETTING)
     with SolverChild(from_file(file)) as child, SolverChild(null_solver.ENTRY) as null:
@@ -181,8 +179,9 @@ class WorksBeside(box_active_set.{cls}):
 def test_untimed_work_of_a_compiled_solver_counts_by_its_processor_time(
     beside_ns: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    base = find("box_active_set", "kernel").load()
-    (tmp_path / "works_beside.py").write_text(COMPILED.format(cls=base.__name__, beside_ns=beside_ns))
+    (tmp_path / "works_beside.py").write_text(
+        COMPILED.format(cls=find("box_active_set", "kernel").load().__name__, beside_ns=beside_ns)
+    )
     monkeypatch.syspath_prepend(str(tmp_path))
     entry = Entry("works_beside", Lane.KERNEL, "works_beside")
     assert entry.times_itself
@@ -208,5 +207,5 @@ def test_what_calls_hide_is_their_processor_time_beyond_once_that_of_the_null_so
     with SolverChild(null_solver.ENTRY) as null:
         null_ns = measuring._null_ns(null, task, FORM, FreshData(FORM, 8), [block(9e6), block(9e6)])
     assert [*null_ns] == [3e6, 5e6], "the longest of three for each block"
-    assert measuring.hidden_ns([block(9e6), block(9e6)], [3e6, 5e6]) == 10e6 - 2 * measuring.UNSEEN_NS
-    assert measuring.hidden_ns([block(9e6), block(9e6)], [9e6, 9e6]) == 0.0
+    hidden = [measuring.hidden_ns([block(9e6), block(9e6)], own) for own in ([3e6, 5e6], [9e6, 9e6])]
+    assert hidden == [10e6 - 2 * measuring.UNSEEN_NS, 0.0]

@@ -5,7 +5,6 @@ import signal
 import subprocess
 import sys
 import time
-from functools import partial
 from pathlib import Path
 
 import faulty_solvers
@@ -131,15 +130,16 @@ def test_an_interrupted_race_on_a_cluster_ends_solvers_in_compiled_code_and_give
     piezobench: CommandLine, tmp_path: Path, scheduler: str
 ) -> None:
     file = faulty_solvers.written(tmp_path, "hangs", *faulty_solvers.FAULTS["hangs"])
-    on_cluster = ("--backend", "dask", "--scheduler", scheduler)
-    words = ("race", *SMALL, "--scaling", "scaled", "--out", tmp_path, *on_cluster, "--time-limit", 1000)
-    call, run = piezobench.start(*words, "--name", "first", "--solver", file), Run(tmp_path / "first")
-    done = partial(saved, run)
-    wait_until(lambda: sum(key.startswith("osqp-") for key in done()) == 8, call.stderr.read_text)  # then hangs is next
+    words = ("race", *SMALL, "--scaling", "scaled", "--out", tmp_path, "--backend", "dask", "--scheduler", scheduler)
+    call = piezobench.start(*words, "--time-limit", 1000, "--name", "first", "--solver", file)
+
+    def saved_of(solver: str) -> int:
+        return sum(key.startswith(f"{solver}-") for key in saved(Run(tmp_path / "first")))
+
+    wait_until(lambda: saved_of("osqp") == 8, call.stderr.read_text)  # then hangs is next
     time.sleep(0.5)
     os.kill(call.pid, signal.SIGINT)
-    assert call.wait().status == 130
-    assert not [key for key in done() if key.startswith("hangs-")]
+    assert (call.wait().status, saved_of("hangs")) == (130, 0)
     piezobench.run(*words, "--name", "second")
 
 

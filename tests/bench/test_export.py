@@ -76,8 +76,8 @@ def test_a_saved_problem_in_which_anything_was_changed_is_not_raced(
 def test_a_proof_that_does_not_hold_is_named_and_the_listing_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     wrong = {"raw": "proof line 7"}
     monkeypatch.setattr(RaceProblem, "wrong_proofs", lambda problem: wrong if "afm" in problem.name else {})
-    refusal = in_process("problems", "--set", "measured", "--verify").refusal
-    assert re.search(r"not every proof holds: measured/afm_\w+ \(raw\): proof line 7", refusal)
+    said = r"not every proof holds: measured/afm_\w+ \(raw\): proof line 7"
+    assert re.search(said, in_process("problems", "--set", "measured", "--verify").refusal)
 
 
 @pytest.mark.parametrize(
@@ -116,8 +116,7 @@ def test_residuals_and_verdicts_on_an_exported_set_are_those_of_qpbenchmark(
     file = tmp_path / "piezobench_measured.py"
     command = next(line.split()[1:] for line in file.read_text().splitlines() if "run --author" in line)
     for solver in SOLVERS:
-        words = [sys.executable, *command, "--solver", solver]
-        subprocess.run(words, cwd=tmp_path, check=True)
+        subprocess.run([sys.executable, *command, "--solver", solver], cwd=tmp_path, check=True)
     assert file.with_suffix(".md").is_file()
     theirs = pd.read_csv(file.with_suffix(".csv")).set_index(["problem", "solver", "settings"])
     problems = [RaceProblem.load(path) for path in tmp_path.glob("*.npz")]

@@ -45,20 +45,18 @@ def reference() -> np.ndarray:
 
 def simulated(path: Path, y_ref: np.ndarray, **start: float) -> np.ndarray:
     """Drives from FMPy's simulation: that for the reference at t appears at t + T."""
-    t = np.arange(y_ref.size) * SAMPLE_TIME
-    signals = np.array(list(zip(t, y_ref, strict=True)), dtype=[("time", float), ("reference", float)])
     found = fmpy.simulate_fmu(
         str(path),
         stop_time=y_ref.size * SAMPLE_TIME,
         step_size=SAMPLE_TIME,
         output_interval=SAMPLE_TIME,
-        input=signals,
+        input=np.rec.fromarrays([np.arange(y_ref.size) * SAMPLE_TIME, y_ref], names="time,reference"),
         output=["drive"],
         start_values=start,
         fmi_type="CoSimulation",
     )
-    assert found["drive"].size == y_ref.size + 1
-    assert found["drive"][0] == LIMITS[0], "where the stage is"
+    # it begins where the stage is
+    assert (found["drive"].size, found["drive"][0]) == (y_ref.size + 1, LIMITS[0])
     return found["drive"][1:]
 
 
@@ -131,14 +129,12 @@ def test_integral_action_on_what_is_measured_is_that_of_python(tmp_path: Path, f
 @pytest.mark.parametrize("fmi", VERSIONS)
 def test_variables_have_units_start_values_and_the_step_is_fixed(fmus: dict[int, Path], fmi: int) -> None:
     description = fmpy.read_model_description(str(fmus[fmi]))
-    assert description.fmiVersion == f"{fmi}.0"
-    assert not description.coSimulation.canHandleVariableCommunicationStepSize
-    assert float(description.defaultExperiment.stepSize) == SAMPLE_TIME
-    if fmi == 3:
-        assert float(description.coSimulation.fixedInternalStepSize) == SAMPLE_TIME
+    co_simulation, steps = description.coSimulation, [description.defaultExperiment.stepSize]
+    assert (description.fmiVersion, co_simulation.canHandleVariableCommunicationStepSize) == (f"{fmi}.0", False)
+    steps += [co_simulation.fixedInternalStepSize] if fmi == 3 else []
+    assert {*map(float, steps)} == {SAMPLE_TIME}
     found = {v.name: v for v in description.modelVariables if v.name != "time"}
-    settings = ExportSettings(x_limits=LIMITS, rate_limit=RATE_LIMIT)
-    for expected in variables(a_model(), settings):
+    for expected in variables(a_model(), ExportSettings(x_limits=LIMITS, rate_limit=RATE_LIMIT)):
         v = found.pop(expected.name)
         assert (v.causality, v.variability, float(v.start), v.unit) == (
             expected.causality,
@@ -156,8 +152,8 @@ def test_a_communication_step_is_a_whole_number_of_samples_or_refused(
     fmus: dict[int, Path], fmi: int, tmp_path: Path
 ) -> None:
     it = slave(fmus[fmi], fmi, tmp_path)
-    x = step(it, fmi, 0, 5.0, 3 * SAMPLE_TIME)
-    assert x == pytest.approx(Compensator(a_model(), LIMITS, RATE_LIMIT).run([5.0] * 3)[-1], rel=1e-14)
+    expected = Compensator(a_model(), LIMITS, RATE_LIMIT).run([5.0] * 3)[-1]
+    assert step(it, fmi, 0, 5.0, 3 * SAMPLE_TIME) == pytest.approx(expected, rel=1e-14)
     with pytest.raises(Exception, match="oStep"):
         step(it, fmi, 3, 5.0, 1.5 * SAMPLE_TIME)
     it.freeInstance()
@@ -199,8 +195,8 @@ def test_its_sources_build_the_same_library_again(fmus: dict[int, Path], fmi: in
     for binary in (tmp_path / "binaries").rglob("*.so"):
         binary.write_bytes((tmp_path / "sources" / "again.so").read_bytes())
     y_ref = reference()[:500]
-    found = simulated(tmp_path, y_ref)
-    np.testing.assert_array_equal(found, Compensator(a_model(), LIMITS, RATE_LIMIT).run(y_ref))
+    expected = Compensator(a_model(), LIMITS, RATE_LIMIT).run(y_ref)
+    np.testing.assert_array_equal(simulated(tmp_path, y_ref), expected)
 
 
 def test_invalid_limits_are_refused_at_initialisation(fmus: dict[int, Path]) -> None:

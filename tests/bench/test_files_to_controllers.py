@@ -90,12 +90,14 @@ def test_exported_sources_their_description_an_fmu_and_the_table_of_a_fleet_carr
     call = piezobench.run("export-c", desk / "model.json", tmp_path / "c")
     piezobench.run("export-fmu", desk / "model.json", tmp_path / "it.fmu")
     piezobench.run("identify", desk / "noise.csv", "--out-dir", tmp_path / "fleet", "--force", "--n", 1, "--m", 0)
-    with zipfile.ZipFile(tmp_path / "it.fmu") as archive:
-        description = archive.read("modelDescription.xml").decode()
-    sources = [(tmp_path / "c" / name).read_text() for name in ("README.md", "piezo_parameters.h")]
     (forced,) = pd.read_csv(tmp_path / "fleet" / "fleet.csv").forced
-    for text in (call.stderr.replace("\n", " "), *sources, description, forced):
-        assert WARNING in text
+    texts = {
+        "said": call.stderr.replace("\n", " "),
+        "fleet": forced,
+        "FMU": zipfile.Path(tmp_path / "it.fmu", "modelDescription.xml").read_text("utf-8"),
+        **{name: (tmp_path / "c" / name).read_text() for name in ("README.md", "piezo_parameters.h")},
+    }
+    assert [name for name, text in texts.items() if WARNING not in text] == []
 
 
 @pytest.mark.parametrize(
@@ -152,9 +154,9 @@ def ringing(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -
     triangle = np.minimum(3.0 + 12.0 * np.abs(2.0 * ((odd * t) % 1.0) - 1.0), 150.0 * t)
     write_table(folder / "scan.csv", {"time_s": t, "reference_um": triangle})
     write_table(folder / "slow.csv", {"time_s": 10.0 * t, "reference_um": triangle, "voltage_V": x})
-    words = ("--n", 3, "--m", 1, "--rates", "none")
-    for options in ((), ("--dynamics", "ignore")):
-        piezobench.run("identify", "stage.csv", "--out", f"{len(options)}.json", *words, *options, folder=folder)
+    words = ("identify", "stage.csv", "--n", 3, "--m", 1, "--rates", "none")
+    piezobench.run(*words, "--out", "0.json", folder=folder)
+    piezobench.run(*words, "--out", "2.json", "--dynamics", "ignore", folder=folder)
     return folder
 
 
@@ -206,13 +208,12 @@ def test_exports_invert_the_dynamics_and_carry_the_lag_as_a_constant_or_have_the
     for words in (("export-c", ringing / "0.json", "c"), ("export-fmu", ringing / "0.json", "stage.fmu")):
         call = piezobench.run(*words, *["--no-dynamics"] * left_out, folder=tmp_path)
         assert (LEFT_OUT in " ".join(call.stderr.split())) == left_out
-    with zipfile.ZipFile(tmp_path / "stage.fmu") as archive:
-        description = archive.read("modelDescription.xml").decode()
+    description = zipfile.Path(tmp_path / "stage.fmu", "modelDescription.xml").read_text("utf-8")
     assert (LEFT_OUT in description) == left_out
     lag = repr(HysteresisCreepModel.load(ringing / "0.json").dynamics.lag_s(T))
     if left_out:
-        readme = (tmp_path / "c" / "README.md").read_text("utf-8")
-        assert re.search(rf"{LEFT_OUT} 400 Hz with damping [0-9.]+ %, a delay of [0-9.]+ us\.", readme)
+        said = rf"{LEFT_OUT} 400 Hz with damping [0-9.]+ %, a delay of [0-9.]+ us\."
+        assert re.search(said, (tmp_path / "c" / "README.md").read_text("utf-8"))
     else:
         assert f"#define PIEZO_LAG_S {lag}\n" in (tmp_path / "c" / "piezo_parameters.h").read_text("utf-8")
         assert re.search(rf'name="lag" [^/]*variability="constant" [^/]*start="{re.escape(lag)}"', description)

@@ -117,12 +117,10 @@ def test_the_export_at_a_rate_is_that_of_the_model_at_that_rate(
     piezobench: CommandLine, desk: Path, tmp_path: Path, part: str
 ) -> None:
     HysteresisCreepModel.load(desk / "model.json").at(1.0 / 8000.0).save(tmp_path / "model.json")
-    words, found = ("--part", part, "--rate-limit", 100), []
-    for model, rate in ((desk / "model.json", ("--rate", 8000)), (tmp_path / "model.json", ())):
-        piezobench.run("export-c", model, tmp_path / f"c{len(found)}", *rate, *words)
-        found.append((tmp_path / f"c{len(found)}" / "piezo_parameters.h").read_text())
-    assert found[0] == found[1]
-    assert "#define PIEZO_SAMPLE_TIME_S 0.000125" in found[0]
+    for model, folder, rate in ((desk / "model.json", "at", ("--rate", 8000)), ("model.json", "of", ())):
+        piezobench.run("export-c", model, folder, *rate, "--part", part, "--rate-limit", 100, folder=tmp_path)
+    found, expected = ((tmp_path / folder / "piezo_parameters.h").read_text() for folder in ("at", "of"))
+    assert ("#define PIEZO_SAMPLE_TIME_S 0.000125" in found, found) == (True, expected)
 
 
 def test_files_in_mV_and_nm_give_what_those_in_V_and_um_give_and_the_conversion_is_printed(
@@ -150,8 +148,7 @@ def test_files_in_mV_and_nm_give_what_those_in_V_and_um_give_and_the_conversion_
 def test_a_model_without_initial_states_begins_at_rest_with_a_message(
     piezobench: CommandLine, desk: Path, tmp_path: Path
 ) -> None:
-    saved = json.loads((desk / "model.json").read_text())
-    (tmp_path / "model.json").write_text(json.dumps({**saved, "start": None}))
+    (tmp_path / "model.json").write_text(json.dumps({**json.loads((desk / "model.json").read_text()), "start": None}))
     for model, start in (("model.json", ()), (desk / "model.json", ("--start", "rest"))):
         words = ("simulate", model, desk / "stage.csv", "--input", "voltage_V", *start, "--out", "y.csv", "--json")
         assert json.loads(piezobench.run(*words, folder=tmp_path).stdout)["start"] == "rest"
@@ -165,6 +162,6 @@ def test_a_model_without_initial_states_begins_at_rest_with_a_message(
 def test_a_model_without_a_report_is_validated_with_a_page(piezobench: CommandLine, desk: Path, tmp_path: Path) -> None:
     saved = json.loads((desk / "model.json").read_text())
     (tmp_path / "model.json").write_text(json.dumps({**saved, "report": {}, "start": None}))
-    words = ("validate", "model.json", desk / "stage.csv", "--input", "voltage_V", "--page", "page.html")
-    piezobench.quietly(*words, folder=tmp_path)
+    of_recording = (desk / "stage.csv", "--input", "voltage_V")
+    piezobench.quietly("validate", "model.json", *of_recording, "--page", "page.html", folder=tmp_path)
     assert re.search("<svg|<canvas", (tmp_path / "page.html").read_text())

@@ -50,8 +50,7 @@ def test_an_interrupt_while_libraries_are_imported_ends_the_program_in_silence(t
             assert call.poll() is None
         time.sleep(chance.uniform(0.0, 0.3))
         call.send_signal(signal.SIGINT)
-        _, output = call.communicate()
-        assert "Traceback" not in output
+        assert "Traceback" not in call.communicate()[1]
         assert call.returncode in (130, 2)  # or it had already found that the file is missing
 
 
@@ -61,8 +60,9 @@ def test_a_folder_for_temporary_files_whose_name_is_too_long_is_named(tmp_path: 
     temporary.mkdir()
     words = ("-m", "bench", "race", "--solver", "daqp", "--out", tmp_path / "results")
     (output,) = python(*words, status=2, TMPDIR=str(temporary)).stderr.splitlines()
-    why = "has too long a name for the sockets of the solvers' processes; set TMPDIR to another folder"
-    assert f"{temporary} {why}" in output
+    assert (
+        f"{temporary} has too long a name for the sockets of the solvers' processes; set TMPDIR to another folder"
+    ) in output
     assert [*tmp_path.rglob("*")] == [temporary]
 
 

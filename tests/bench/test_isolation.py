@@ -3,6 +3,7 @@
 Every faulty solver is right on raw data, so its second row shows that the next task got a working process.
 """
 
+import re
 from pathlib import Path
 
 import faulty_solvers
@@ -11,6 +12,7 @@ import pandas as pd
 import pytest
 from command_line import CommandLine, command_lines
 from qpsolvers import Problem
+from recording_files import text_file
 from small_races import Race
 
 from bench.messages.task import NO_SETTING, ChildSettings, RaceError, Status, Task, Tier
@@ -98,8 +100,7 @@ def test_the_race_ends_with_1_and_a_last_line_that_names_the_users_own_lanes_tha
     assert {name for name in STATUS if f" {name} (direct) " in last} == wrong, last
     assert "segfaults (direct) fails on bouc_wen-staircase: the process ended with SIGSEGV" in last
     assert "lies (direct) has an error of " in last
-    assert faulty_race.call.status == 1
-    assert clean_race.call.status == 0
+    assert (faulty_race.call.status, clean_race.call.status) == (1, 0)
 
 
 @pytest.mark.parametrize(("name", "figure"), [("lies", "cost_gap"), ("infeasible", "violation")])
@@ -137,8 +138,11 @@ def test_faulty_solvers_do_not_change_the_rows_of_others(clean_race: Race, fault
     ]
     others = faulty_race.hot[faulty_race.hot.solver.isin(["daqp", "osqp"])]
     assert len(others) == 3 + 8 + 2  # the settings of both on scaled data, and their defaults on raw
-    clean = clean_race.hot[clean_race.hot.task.isin(others.task)]
-    assert others[columns].reset_index(drop=True).equals(clean[columns].reset_index(drop=True))
+    pd.testing.assert_frame_equal(
+        others[columns].reset_index(drop=True),
+        clean_race.hot.loc[clean_race.hot.task.isin(others.task), columns].reset_index(drop=True),
+        check_exact=True,
+    )
 
 
 def test_only_solvers_that_write_into_their_input_or_give_other_bits_again_are_marked(faulty_race: Race) -> None:
@@ -155,8 +159,7 @@ def test_a_solver_that_ran_has_times_and_one_that_failed_has_none(faulty_race: R
 
 
 def test_output_of_solvers_does_not_reach_the_terminal(faulty_race: Race) -> None:
-    assert "noise noise" not in faulty_race.call.stdout
-    assert faulty_race.call.stderr == ""
+    assert ("noise noise" in faulty_race.call.stdout, faulty_race.call.stderr) == (False, "")
 
 
 def test_processes_that_a_solver_started_end_with_it(faulty_race: Race) -> None:
@@ -178,8 +181,8 @@ def test_neither_a_sleeping_process_nor_a_temporary_file_outlives_a_killed_race(
     piezobench: CommandLine, tmp_path: Path, sleeps: str
 ) -> None:
     before = {*piezobench.folder.rglob("*piezobench*")}
-    file = faulty_solvers.written(tmp_path, "sleeper", "solve(self)", sleeps)
-    file.write_text(f"{file.read_text()}\n\ndef note(pid):\n    open(__file__ + '.pid', 'w').write(str(pid))\n")
+    note = "\n\ndef note(pid):\n    open(__file__ + '.pid', 'w').write(str(pid))\n"
+    file = faulty_solvers.written(tmp_path, "sleeper", "solve(self)", sleeps, note)
     words = ("--set", "paper", "--limit", 1, "--lane", "kernel", "--solver", "box_active_set", "--time-limit", 60)
     call = piezobench.start("race", *words, "--solver", file, "--out", tmp_path)
     pid = tmp_path / "sleeper.py.pid"
@@ -208,12 +211,9 @@ def test_neither_a_sleeping_process_nor_a_temporary_file_outlives_a_killed_race(
     ],
 )
 def test_a_file_that_cannot_be_raced_is_refused_by_name(tmp_path: Path, text: str, message: str) -> None:
-    path = tmp_path / "mine.py"
-    path.write_text(text)
-    with pytest.raises(RaceError) as caught:
+    path = text_file(tmp_path, text, name="mine.py")
+    with pytest.raises(RaceError, match=rf"\A[^\n]*{path}[^\n]*{re.escape(message)}[^\n]*\Z"):
         checked(RaceSettings(solvers=("daqp",), solver_files=(str(path),)))
-    assert all(part in str(caught.value) for part in (str(path), message))
-    assert "\n" not in str(caught.value)
 
 
 def test_a_crashed_child_has_the_same_description(tmp_path: Path) -> None:

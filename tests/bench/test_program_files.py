@@ -12,6 +12,7 @@ import scipy.sparse as sp
 from program_files import DRAWN, dense, same
 from programs import library
 from qpsolvers import Problem
+from recording_files import text_file
 from scipy.io import savemat
 
 from bench.problem_files import ProblemFileError, read
@@ -55,9 +56,7 @@ ENDATA
 
 
 def qps(folder: Path, text: str) -> Path:
-    path = folder / "small.qps"
-    path.write_text(text)
-    return path
+    return text_file(folder, text, name="small.qps")
 
 
 def test_rows_ranges_bounds_and_the_quadratic_part_of_a_qps_file_are_read(tmp_path: Path) -> None:
@@ -72,9 +71,7 @@ def test_rows_ranges_bounds_and_the_quadratic_part_of_a_qps_file_are_read(tmp_pa
         ub=np.array([0.75, -3, inf, inf]),
     )
     assert same(found.qp, expected)
-    assert found.constant == 4.0
-    assert sp.issparse(found.qp.P)
-    assert sp.issparse(found.qp.G)
+    assert (found.constant, sp.issparse(found.qp.P), sp.issparse(found.qp.G)) == (4.0, True, True)
 
 
 WHOLE_P = SMALL.replace("QUADOBJ", "QMATRIX").replace(
@@ -107,8 +104,8 @@ def test_a_maximum_is_the_negative_of_a_minimum(tmp_path: Path) -> None:
     least, most = (
         read(qps(tmp_path, SMALL.replace("ROWS", f"OBJSENSE\n    {sense}\nROWS", 1))) for sense in ("MIN", "MAX")
     )
-    for a, b in ((least.qp.q, most.qp.q), (dense(least.qp.P), dense(most.qp.P)), (least.constant, most.constant)):
-        assert np.array_equal(a, -b)
+    negative = Problem(-most.qp.P, -most.qp.q, most.qp.G, most.qp.h, most.qp.A, most.qp.b, most.qp.lb, most.qp.ub)
+    assert (same(least.qp, negative), least.constant) == (True, -most.constant)
 
 
 def test_a_compressed_program_that_is_damaged_or_endless_is_refused(
@@ -355,8 +352,8 @@ def test_scalars_and_text_beside_a_program_and_the_files_of_races_are_read(tmp_p
         write(tmp_path / name, beside | row)
         found = read(tmp_path / name).qp
         assert same(found, Problem(WHOLE["P"], WHOLE["q"], np.ones((1, 2)), np.ones(1), lb=found.lb, ub=found.ub))
-    for stored in ("problems/paper--duhem-staircase", "misses/piqp-direct-measured--afm_head"):
-        assert read(Path("results/reference") / f"{stored}.npz").qp.q.size > 2
+    stored = ("problems/paper--duhem-staircase.npz", "misses/piqp-direct-measured--afm_head.npz")
+    assert all(read(Path("results/reference") / name).qp.q.size > 2 for name in stored)
 
 
 def test_arrays_that_are_larger_than_their_file_are_refused_before_memory_is_taken(tmp_path: Path) -> None:

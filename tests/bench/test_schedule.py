@@ -43,8 +43,7 @@ def test_a_slow_solver_takes_the_newest_sample_and_is_late_at_all() -> None:
     times, updated = run_on(Clock(), 100, lambda j: 1_000_000)
     assert updated == times["sample"].tolist()
     assert set(np.diff(times["sample"])[:-1].tolist()) == {8}  # a millisecond is eight periods
-    assert (times["response"] > PERIOD_NS).all()
-    assert times["response"].size == 100
+    assert (times["response"] > PERIOD_NS).tolist() == [True] * 100
 
 
 def test_times_on_the_schedule_are_those_of_their_definitions() -> None:
@@ -86,8 +85,7 @@ def below(k: int, samples: int, q: Fraction) -> Fraction:
 def test_a_sample_whose_range_covers_the_percentile_is_enough_and_one_value_less_is_refused(q: float) -> None:
     N = needed(q)
     assert q**N + (1 - q) ** N <= 0.05 < q ** (N - 1) + (1 - q) ** (N - 1)
-    assert np.isnan(percentile(np.arange(N - 1), q))
-    assert np.isfinite(percentile(np.arange(N), q))
+    assert np.isfinite([percentile(np.arange(n), q) for n in (N - 1, N)]).tolist() == [False, True]
 
 
 @pytest.mark.parametrize("q", [0.0, 1.0, -0.1, 99.9])
@@ -100,8 +98,7 @@ def test_a_percentile_is_a_share_between_zero_and_one(q: float) -> None:
 @pytest.mark.parametrize("extra", [0, 1, 17, 4001])
 def test_a_percentile_is_the_observed_order_statistic(q: float, extra: int) -> None:
     sample = np.random.default_rng(extra).permutation(np.random.default_rng(1).lognormal(size=needed(q) + extra))
-    rank = ceil(Fraction(str(q)) * sample.size)
-    assert percentile(sample, q) == np.sort(sample)[rank - 1]
+    assert percentile(sample, q) == np.sort(sample)[ceil(Fraction(str(q)) * sample.size) - 1]
 
 
 @pytest.mark.parametrize(("events", "samples"), [(0, 30), (1, 30), (7, 50), (29, 30)])

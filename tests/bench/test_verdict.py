@@ -335,8 +335,7 @@ def test_a_size_of_several_problems_has_their_median_if_all_are_right() -> None:
         *ladder({"again": [1.0]}, problem_set="orders", d=8, solver="c", solve_us_p50=100.0),
     ]
     lines = pictures.sizes(measured(more)).set_index(["name", "d"])
-    assert lines.time_us["b (direct)", 8] == (32.0 + 100.0) / 2
-    assert lines.problems["b (direct)", 8] == 2
+    assert lines.loc[("b (direct)", 8), ["time_us", "problems"]].tolist() == [(32.0 + 100.0) / 2, 2]
     assert ("c (direct)", 8) not in lines.index
 
 
