@@ -51,6 +51,7 @@ def test_a_page_is_drawn_on_every_screen_and_asks_nothing_of_the_network(
     for width, dark in [*product(WIDTHS, (False, True))][:: 1 if ALL else 3]:
         browser.open(f"{site}/{page}.html", width, dark)
         assert browser.run("return document.body.dataset.mdColorScheme") == ("slate" if dark else "default")
+        assert browser.console() == []
         assert all(address.startswith((site, "data:", "blob:")) for address in browser.requests())
         assert browser.run("return document.documentElement.scrollWidth") <= WIDTHS[width]
         assert browser.run(WIDE) == []

@@ -10,12 +10,14 @@ import pyarrow as pa
 from bench.derived.measurements import Measurements
 from bench.derived.tiers import right
 from bench.messages.task import PAPER, Outcome, Row, Tier
-from bench.problems.protocol import RaceProblem
+from bench.problems.protocol import CertifiedForm, RaceProblem
 from bench.race_table import ROWS, complete
 from bench.races.metrics import judge
 from bench.store import TIMES
 from bench.timing.schedule import PERIOD_US
 from piezo_model.identification_problem import Scaling
+from solvers import Problem
+from solvers.certificate import certify
 
 NAN = float("nan")
 ORDINARY: Row = {
@@ -87,6 +89,11 @@ def steps(gaps: dict[str, list[float]], **known: object) -> list[Row]:
 def table(rows: list[Row]) -> pd.DataFrame:
     """The rows as a run returns them."""
     return pa.Table.from_pylist(list(rows), ROWS).to_pandas()
+
+
+def form_of(qp: Problem, c: float = 1.0, **more: object) -> CertifiedForm:
+    """A program with its proof, whose variables are weights."""
+    return CertifiedForm(qp, c, np.eye(qp.q.size), certify(qp, np.zeros(qp.q.size)), **more)
 
 
 def judged(problem: RaceProblem, scaling: Scaling, outcome: Outcome) -> SimpleNamespace:

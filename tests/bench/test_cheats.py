@@ -6,18 +6,18 @@ import cheating_solvers
 import numpy as np
 import pytest
 from command_line import CommandLine
+from measured_rows import form_of
 from small_races import Race, race_of
 
 from bench.messages.task import NO_SETTING, Outcome, Setting, Status, Task, Tier
 from bench.problems.fresh import FreshData, mixture
-from bench.problems.protocol import CertifiedForm, RaceProblem
+from bench.problems.protocol import RaceProblem
 from bench.processes.solver_child import SolverChild
 from bench.races import measuring, null_solver
 from bench.races.measuring import row_of, timed
 from bench.races.metrics import relative_gap
 from bench.timing.clock import Effort
 from solvers import Entry, Lane, Problem, find, from_file
-from solvers.certificate import certify
 
 RIGHT = {
     "honest",
@@ -119,7 +119,7 @@ def test_the_worst_judged_answer_is_stored_with_its_data_and_can_be_judged_again
 
 
 QP = Problem(np.eye(18), -np.linspace(-1.0, 1.0, 18), lb=np.zeros(18), ub=np.full(18, np.inf))
-FORM = CertifiedForm(QP, 1.0, np.eye(18), certify(QP, np.zeros(18)), cost_unit=1.0)
+FORM = form_of(QP, cost_unit=1.0)
 RANDOMISED = """
 def solve(self, warm_start=None):
     for _ in range(1 + np.random.default_rng().integers(3)):

@@ -74,8 +74,9 @@ def test_a_saved_problem_in_which_anything_was_changed_is_not_raced(
 
 
 def test_a_proof_that_does_not_hold_is_named_and_the_listing_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    wrong = {"raw": "proof line 7"}
-    monkeypatch.setattr(RaceProblem, "wrong_proofs", lambda problem: wrong if "afm" in problem.name else {})
+    monkeypatch.setattr(
+        RaceProblem, "wrong_proofs", lambda problem: {"raw": "proof line 7"} if "afm" in problem.name else {}
+    )
     said = r"not every proof holds: measured/afm_\w+ \(raw\): proof line 7"
     assert re.search(said, in_process("problems", "--set", "measured", "--verify").refusal)
 
@@ -98,8 +99,9 @@ def test_qpbenchmark_finds_every_problem_in_each_scaling(
         path, scaling = problem.name.rsplit("--", 1)
         ours = RaceProblem.load(exported / f"{path}.npz").forms[scaling]
         answer = qpsolvers.solve_problem(problem, solver="clarabel" if sparse else "daqp")
-        value = 0.5 * answer.x @ (problem.P @ answer.x) + problem.q @ answer.x
-        assert value == pytest.approx(ours.certificate.value_rounded, rel=1e-6)
+        assert (0.5 * answer.x @ (problem.P @ answer.x) + problem.q @ answer.x) == pytest.approx(
+            ours.certificate.value_rounded, rel=1e-6
+        )
         assert test_set.get_problem(problem.name).q.tobytes() == ours.qp.q.tobytes()
 
 

@@ -143,8 +143,7 @@ def test_however_a_run_ends_the_drive_keeps_limits_and_rate_and_comes_to_rest(
     # after a late sample, too, which the stage makes at every 150th
     moved, lasted = np.abs(drives[30:] - drives[:-30]), moments[30:] - moments[:-30]
     assert np.all(moved <= RATE_LIMIT * (lasted + 1.5 / RATE))
-    assert len(times) == {"time": 500, "stage": 300}.get(end, len(times))
-    assert len(times) <= len(drives)
+    assert len(drives) >= len(times) == {"time": 500, "stage": 300}.get(end, len(times))
 
 
 @pytest.mark.sample(1)
@@ -191,8 +190,12 @@ def test_the_stage_gets_the_bits_of_its_axis_whose_integral_action_gets_the_outp
 ) -> None:
     stage = STAGE.replace(str(RATE_LIMIT), str(rate_limit)).replace("samples % 7 ?", "1 ?") + STEPPED
     built(tmp_path, ExportSettings(integral_gain=30.0), stage, piezo_step="stepped")
-    words = ["./loop", str(RATE), "0.5", "0", "-1", "times"]
-    subprocess.run(words, cwd=tmp_path, env={**os.environ, "FAILING_SAMPLE": "0"}, check=True)
+    subprocess.run(
+        ["./loop", str(RATE), "0.5", "0", "-1", "times"],
+        cwd=tmp_path,
+        env={**os.environ, "FAILING_SAMPLE": "0"},
+        check=True,
+    )
     drives, (y_ref, x) = np.loadtxt(tmp_path / "drives.txt")[:500, 0], np.loadtxt(tmp_path / "steps.txt").T
     np.testing.assert_array_equal(drives, x)
     if rate_limit > RATE_LIMIT:  # the other one depends on the times of the run
@@ -274,11 +277,9 @@ def test_a_late_learner_costs_samples_that_are_counted_and_never_the_limits_or_h
     for seed in range(3):
         x, events = run_threaded(threaded(solver), expected, delay, seed)
         assert np.all((x >= LIMITS[0]) & (x <= LIMITS[1]))
-        assert events["torn"] == 0
-        assert events["dropped_blocks"] > 0
+        assert (events["torn"], events["dropped_blocks"] > 0) == (0, True)
         if not expected.settings.cyclic:
-            assert events["changes"] > 0
-            assert events["late_offers"] > 0
+            assert min(events["changes"], events["late_offers"]) > 0
             assert np.any(x != expected.x)
 
 

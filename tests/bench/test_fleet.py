@@ -75,9 +75,9 @@ def test_a_bad_file_affects_only_its_own_row(
     )
     assert f"{COUNT} of {COUNT + 1} recordings gave a model." in call.stdout
     table = table_in(out)
-    assert list(table.name[:2]) == [BAD, NOISY]  # the refused one, and the largest error
     assert table.refused[0].startswith(f"{BAD}.csv: ")
-    assert set(table.refused[1:]) == {""}
+    # the refused one, and the largest error
+    assert (*table.name[:2], *set(table.refused[1:])) == (BAD, NOISY, "")
     assert table.rms_percent[1] > 2.0 * table.rms_percent[2:].max()
     assert not (out / f"{BAD}.json").exists()
     piezobench.run("identify", recordings[0], "--out", tmp_path / "alone.json", *ORDERS)
@@ -130,8 +130,7 @@ def test_a_product_that_was_truncated_or_changed_is_made_again(recordings: list[
         whole = made.read_bytes()
         for damaged in (whole[: len(whole) // 2], b"", b"{}", whole + b" 1"):
             made.write_bytes(damaged)
-            assert run_all(parts, map, silent) == [row]
-            assert made.read_bytes() == whole
+            assert (run_all(parts, map, silent), made.read_bytes()) == ([row], whole)
 
 
 def test_a_repeated_fleet_deletes_no_model_of_a_recording_that_is_gone_and_names_it_as_not_of_this_run(
@@ -191,8 +190,8 @@ def test_a_fleet_that_was_ended_is_resumed_without_loss_or_repetition(
 ) -> None:
     words = ("identify", *recordings, "--out-dir", tmp_path, *ORDERS)
     ended = end(piezobench.start(*words, "--workers", 2), lambda: three_done(tmp_path))
-    assert (ended.status, "".join(ended.stderr.splitlines()[:1])) == (status, said)
-    assert not (tmp_path / "fleet.csv").exists()
+    first_line = "".join(ended.stderr.splitlines()[:1])
+    assert (ended.status, first_line, (tmp_path / "fleet.csv").exists()) == (status, said, False)
     kept = {path: path.stat().st_ino for path in tmp_path.glob("rows/[!.]*.json")}
     assert 3 <= len(kept) <= COUNT
     for path in tmp_path.rglob(".*"):  # temporary files of the killed process

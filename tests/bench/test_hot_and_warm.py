@@ -3,7 +3,6 @@
 A race on the schedule of 8 kHz: every answer is judged by its own sample, and late ones are counted."""
 
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 
 import faulty_solvers
@@ -11,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from command_line import CommandLine
-from measured_rows import NAN, ladder, row, table
+from measured_rows import NAN, form_of, ladder, row, table
 from recording_files import text_file
 from small_races import Race, raced
 
@@ -19,7 +18,7 @@ from bench.derived.measurements import Measurements
 from bench.derived.schedule import FLOOR_LINE, KEPT, LATE, UNKNOWN, on_schedule, sentences
 from bench.messages.task import NO_SETTING, Row, Status, Task, settings_ladder
 from bench.problems.fresh import FreshData
-from bench.problems.protocol import CertifiedForm, RaceProblem
+from bench.problems.protocol import RaceProblem
 from bench.processes.solver_child import SolverChild
 from bench.races import null_solver
 from bench.races.measuring import interleave, timed
@@ -28,13 +27,8 @@ from bench.races.passes import LONGEST_INTERLEAVED_US, NEAR, planned
 from bench.timing.clock import Effort
 from bench.timing.percentiles import percentile
 from solvers import Lane, Problem, describe, find, from_file
-from solvers.certificate import certify
 
 QP = Problem(np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([1.0, -4.0]), lb=np.zeros(2), ub=np.full(2, np.inf))
-
-
-def form_of(qp: Problem) -> CertifiedForm:
-    return CertifiedForm(qp, 1.0, np.eye(2), certify(qp, np.zeros(2)), cost_unit=1.0)
 
 
 @pytest.fixture(scope="module")
@@ -73,9 +67,8 @@ def test_solvers_that_use_a_start_have_warm_rows_and_the_others_none(drift_race:
     assert warm == {"daqp", "osqp", "box_active_set"}
     assert set(rows.solver[rows.start == "cold"]) == warm | {"quadprog", "says_who", "null"}
     both = rows[rows.solver.isin(["daqp", "box_active_set"])]
-    assert (both.status == Status.ANSWERED).all()
     # repeats, problems, settings in the lanes of either, then warm lanes
-    assert len(both) == 2 * 2 * (2 * 3 + 2) + 2 * 2 * (2 + 2)
+    assert [*both.status] == [Status.ANSWERED] * (2 * 2 * (2 * 3 + 2) + 2 * 2 * (2 + 2))
     report = (drift_race.run.path / "report.md").read_text()
     assert "Started from the optimum of the problem before" in report
     assert "in 2 fresh processes" in report
@@ -149,7 +142,7 @@ def test_interleaved_solves_are_in_the_order_of_the_seed_and_a_solver_that_fails
     files = [faulty_solvers.written(tmp_path, name, "update(self, P)", note) for name in ("one", "two")]
     files.append(faulty_solvers.written(tmp_path, "tires", "solve(self)", "self.calls > 5 and os._exit(4)"))
     # their faults depend on a unit diagonal
-    unit = form_of(Problem(np.eye(2), np.array([-1.0, 1.0]), lb=np.zeros(2)))
+    unit = form_of(Problem(np.eye(2), np.array([-1.0, 1.0]), lb=np.zeros(2)), cost_unit=1.0)
     orders = []
     for seed in ("a", "a", "b"):
         (tmp_path / "order").write_text("")
@@ -182,7 +175,8 @@ def test_a_warm_solve_begins_at_its_start_and_does_not_change_it(name: str, lane
     entry = find(name, lane)
     default = next(setting for setting in settings_ladder(describe(entry)) if setting.is_default)
     task = Task("none", "none", "scaled", entry.name, entry.lane, default, start="warm")
-    form = replace(form_of(QP), starts={"warm": (best := np.array([0.0, 2.0]))})
+    best = np.array([0.0, 2.0])
+    form = form_of(QP, cost_unit=1.0, starts={"warm": best})
     with SolverChild(entry) as child, SolverChild(null_solver.ENTRY) as null:
         fresh = FreshData(form, 7)
         outcome = timed(child, null, task, form, fresh, Effort(0.0, 7, 7))
@@ -302,9 +296,9 @@ def test_a_solver_gets_the_data_of_each_sample_and_a_slow_one_the_newest(race: R
     times = race.run.times().query("timed == 'scheduled'").set_index(["task", "what"]).ns
     for one in rows.itertuples():
         sample, response = times[one.task, "sample"], times[one.task, "response"]
-        assert (sample.size, sample[-1]) == (one.samples, SAMPLES - 1)
+        assert (sample.size, sample[-1], response.size) == (one.samples, SAMPLES - 1, SAMPLES)
         assert (np.diff(sample) > 0).all()
-        assert (response.size, (response > 125_000).sum()) == (SAMPLES, one.late)
+        assert (response > 125_000).sum() == one.late
 
 
 def test_late_and_early_answers_are_judged_by_the_optimum_of_their_own_sample_before_they_are_clipped(

@@ -52,8 +52,7 @@ def recording(x: np.ndarray, y: np.ndarray) -> Recording:
 @pytest.mark.usefixtures("output")
 def test_the_page_draws_every_plot_of_the_recording_and_shows_names_as_text(browser: Browser, desk: Path) -> None:
     assert {"loops", "error", "weights", "spectrum"} <= {*browser.sections(desk / "stage page.html")}
-    assert len(browser.plots()) == 5
-    assert browser.run("return document.title") == "Recording <u>stage.csv"
+    assert (len(browser.plots()), browser.run("return document.title")) == (5, "Recording <u>stage.csv")
     assert browser.run("return document.querySelectorAll('main img, main u, main b').length") == 0
     links = browser.run("return [...document.querySelectorAll('.note a')].map(a => a.getAttribute('href'))")
     assert all((desk / link.replace("%20", " ")).is_file() for link in links)
@@ -190,8 +189,9 @@ def test_a_file_is_described_with_its_columns_units_and_roles(tmp_path: Path) ->
 
 
 def test_a_file_whose_roles_are_not_clear_is_shown_with_the_question(tmp_path: Path) -> None:
-    rows = (f"{k},{k % 3},{k % 5},{k % 7}" for k in range(50))
-    call = in_process("inspect", text_file(tmp_path, "time,a,b,c", *rows))
+    call = in_process(
+        "inspect", text_file(tmp_path, "time,a,b,c", *(f"{k},{k % 3},{k % 5},{k % 7}" for k in range(50)))
+    )
     assert "cannot tell which column is the input and which the output" in call.refusal
     assert [line.split() for line in call.stdout.splitlines()[-3:]] == [
         ["2", "a", "0", "2"],

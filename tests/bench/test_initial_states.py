@@ -32,8 +32,9 @@ def desk(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> P
     y = truth.simulate(x, OperatorState(settled, np.tile(settled, len(structure.creep_rates))))
     write_table(folder / "stage.csv", {"time_s": t, "voltage_V": x, "displacement_um": y})
     write_table(folder / "wanted.csv", {"time_s": t, "reference_um": y})
-    words = ("--out", "model.json", "--n", 4, "--m", 1, "--creep-rates", "1,0.1")
-    piezobench.quietly("identify", "stage.csv", *words, folder=folder)
+    piezobench.quietly(
+        "identify", "stage.csv", "--out", "model.json", "--n", 4, "--m", 1, "--creep-rates", "1,0.1", folder=folder
+    )
     return folder
 
 
@@ -160,8 +161,10 @@ def test_a_model_without_initial_states_begins_at_rest_with_a_message(
 
 
 def test_a_model_without_a_report_is_validated_with_a_page(piezobench: CommandLine, desk: Path, tmp_path: Path) -> None:
-    saved = json.loads((desk / "model.json").read_text())
-    (tmp_path / "model.json").write_text(json.dumps({**saved, "report": {}, "start": None}))
-    of_recording = (desk / "stage.csv", "--input", "voltage_V")
-    piezobench.quietly("validate", "model.json", *of_recording, "--page", "page.html", folder=tmp_path)
+    (tmp_path / "model.json").write_text(
+        json.dumps({**json.loads((desk / "model.json").read_text()), "report": {}, "start": None})
+    )
+    piezobench.quietly(
+        "validate", "model.json", desk / "stage.csv", "--input", "voltage_V", "--page", "page.html", folder=tmp_path
+    )
     assert re.search("<svg|<canvas", (tmp_path / "page.html").read_text())

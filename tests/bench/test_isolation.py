@@ -11,18 +11,17 @@ import numpy as np
 import pandas as pd
 import pytest
 from command_line import CommandLine, command_lines
+from measured_rows import form_of
 from qpsolvers import Problem
 from recording_files import text_file
 from small_races import Race
 
 from bench.messages.task import NO_SETTING, ChildSettings, RaceError, Status, Task, Tier
-from bench.problems.protocol import CertifiedForm
 from bench.processes.solver_child import SolverChild, entry_of_file
 from bench.races import worker
 from bench.races.lanes import checked
 from bench.races.measuring import set_up
 from bench.races.settings import RaceSettings
-from solvers.certificate import certify
 
 STATUS = {
     "segfaults": Status.CRASHED,
@@ -228,8 +227,7 @@ def test_a_crashed_child_has_the_same_description(tmp_path: Path) -> None:
 
 def test_a_set_up_that_eats_the_time_limit_is_called_set_up(tmp_path: Path) -> None:
     entry = entry_of_file(faulty_solvers.written(tmp_path, "prepares", "setup(self)", "time.sleep(1000)"))
-    qp = Problem(np.eye(2), np.array([-1.0, 1.0]), lb=np.zeros(2), ub=np.ones(2))
-    form = CertifiedForm(qp, 1.0, np.eye(2), certify(qp, np.zeros(2)))
+    form = form_of(Problem(np.eye(2), np.array([-1.0, 1.0]), lb=np.zeros(2), ub=np.ones(2)))
     with SolverChild(entry, ChildSettings(time_limit_s=0.5)) as child:
         lost = set_up(child, Task("none", "none", "scaled", entry.name, entry.lane, NO_SETTING), form)
     assert (lost.failure, lost.message) == (Status.TIMED_OUT, "its set-up gave no answer within 0.5 s")

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import qpsolvers
-from measured_rows import is_right, judged
+from measured_rows import form_of, is_right, judged
 from qpsolvers import Problem
 
 from bench.derived.tiers import TOLERANCE
@@ -18,15 +18,13 @@ from bench.problems.simulation import Experiment
 from bench.race_table import MISSES
 from bench.races.metrics import judge_timed, relative_gap
 from piezo_model import HysteresisCreepModel
-from solvers.certificate import certify
 
 C = 40.0
 """Constant term, which makes the relative gap finite."""
 
 
 def race_problem(qp: Problem) -> RaceProblem:
-    form = CertifiedForm(qp, C, np.eye(qp.q.size), certify(qp, np.zeros(qp.q.size)))
-    return RaceProblem("tests", "one", {"scaled": form})
+    return RaceProblem("tests", "one", {"scaled": form_of(qp, C)})
 
 
 def drawn(seed: int, d: int = 6, rows: bool = False) -> Problem:
@@ -138,9 +136,8 @@ def test_an_answer_is_judged_whatever_the_solver_calls_it_and_what_cannot_be_mea
     outcome: Outcome, status: Status, message: str, right: bool
 ) -> None:
     ours = judged(BOX, "scaled", outcome)
-    assert (ours.status, ours.message) == (status, message)
+    assert (ours.status, ours.message, is_right(ours, Tier.HIGH)) == (status, message, right)
     assert np.isnan(ours.cost_gap) == (status is not Status.ANSWERED)
-    assert is_right(ours, Tier.HIGH) == right
 
 
 @pytest.mark.parametrize(("name", "primal"), [("y", "b"), ("z", "h"), ("z_box", "q")])
@@ -166,8 +163,7 @@ def least_squares(seed: int, d: int, condition: float, cost_unit: float = 0.0) -
     y, z = (A @ np.abs(rng.normal(size=d) / A.std(axis=0)) + 1e-2 * rng.normal(size=3 * d) for _ in range(2))
     qp = Problem(A.T @ A, -A.T @ y, lb=np.zeros(d), ub=np.where(rng.random(d) < 0.5, np.inf, 1.0 / A.std(axis=0)))
     windows = () if cost_unit else (Window(A.T @ A, -A.T @ z, float(z @ z) / 2.0),)
-    c = 0.0 if cost_unit else float(y @ y) / 2.0
-    return CertifiedForm(qp, c, np.eye(d), certify(qp, np.zeros(d)), cost_unit=cost_unit, windows=windows)
+    return form_of(qp, 0.0 if cost_unit else float(y @ y) / 2.0, cost_unit=cost_unit, windows=windows)
 
 
 @pytest.mark.parametrize("cost_unit", [0.0, 1.0])

@@ -11,14 +11,14 @@ import faulty_solvers
 import numpy as np
 import pytest
 from command_line import CommandLine
+from measured_rows import form_of
 from small_races import Race, race_of, saved
 
 from bench.messages.task import PAPER, settings_ladder
-from bench.problems.protocol import CertifiedForm, RaceProblem
+from bench.problems.protocol import RaceProblem
 from bench.races.race import EXPONENT, first_pass_settings, tasks_of
 from bench.races.settings import RaceSettings
 from solvers import Described, Lane, Problem, describe, find
-from solvers.certificate import certify
 
 LADDER = """
     @classmethod
@@ -151,24 +151,23 @@ def test_a_race_killed_in_a_ladder_that_ended_resumes_after_that_end_and_has_the
     assert done.status == 1, "one of its own solvers crashes"
     assert logged(tmp_path, "crashes").isdisjoint({6, 8, 10})
     resumed = Race(run, run.rows(), done)
-    assert names(resumed) == names(replace(ended, rows=both))
-    assert resumed.rows.status.tolist() == both.status.tolist()
+    assert (names(resumed), [*resumed.rows.status]) == (names(replace(ended, rows=both)), [*both.status])
 
 
 def test_wrappers_are_measured_at_their_defaults_and_at_the_setting_nearest_to_1e_8(wide_race: Race) -> None:
     rows = wide_race.rows[wide_race.rows.lane == "qpsolvers"]
     assert set(rows.solver) >= {"daqp", "osqp"}
     for (_, scaling), part in rows.groupby(["solver", "scaling"]):
-        assert part.rung.nunique() == (2 if scaling == "scaled" else 1)
-        assert set(part.problem) == set(wide_race.rows.problem)
+        settings = 2 if scaling == "scaled" else 1
+        assert (part.rung.nunique(), set(part.problem)) == (settings, set(wide_race.rows.problem))
     assert set(rows[(rows.solver == "osqp") & (rows.scaling == "scaled")].rung) == {-1, 2}
 
 
 def problem_of_one(name: str, line: bool = False) -> RaceProblem:
     """A problem of one variable, with the start of a straight line if ``line``."""
+    starts = {"line": np.ones(1)} if line else {}
     qp = Problem(np.eye(1), np.ones(1), lb=np.zeros(1))
-    form = CertifiedForm(qp, 1.0, np.eye(1), certify(qp, np.zeros(1)), {"line": np.ones(1)} if line else {})
-    return RaceProblem("paper", name, {"scaled": form})
+    return RaceProblem("paper", name, {"scaled": form_of(qp, starts=starts)})
 
 
 def described(name: str, lane: str, count: int = 8) -> Described:
@@ -196,9 +195,8 @@ def test_every_lane_is_measured_on_every_problem_and_the_papers_method_also_from
     assert Counter((task.lane, task.problem) for task in tasks if task.setting.is_default and task.start == "cold") == {
         (lane, problem.name): 1 for lane in (Lane.CVXPY, Lane.QPSOLVERS, Lane.DIRECT) for problem in problems
     }
-    at_line = [task for task in tasks if task.start == "line"]
-    assert {(task.solver, task.problem) for task in at_line} == {(PAPER, "p0")}
-    assert [task.setting.rung for task in at_line] == [-1, *range(8)]
+    at_line = [(task.solver, task.problem, task.setting.rung) for task in tasks if task.start == "line"]
+    assert at_line == [(PAPER, "p0", rung) for rung in (-1, *range(8))]
 
 
 def test_given_settings_are_raced_beside_the_defaults_in_place_of_the_ladder(
@@ -221,7 +219,7 @@ def test_given_settings_are_raced_beside_the_defaults_in_place_of_the_ladder(
     )
     race = race_of(piezobench, tmp_path, "run", *few, "--solver", "osqp", "--solver", "daqp", "--settings", given)
     rows = race.hot.query("solver == 'osqp'")
-    assert {*zip(rows.rung, rows.is_default, strict=True)} == {(-1, True), (0, False)}
+    measured = {*rows[["rung", "is_default", "status"]].itertuples(index=False, name=None)}
+    assert measured == {(-1, True, "answered"), (0, False, "answered")}
     assert all(json.loads(text) == json.loads(given[5:]) for text in rows[rows.rung == 0].settings)
-    assert (rows.status == "answered").all()
     assert race.hot[race.hot.solver == "daqp"].setting.nunique() == 3

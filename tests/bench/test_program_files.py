@@ -227,8 +227,7 @@ def test_highs_reads_the_same_program_from_the_same_file(name: str) -> None:
 def test_a_program_is_the_same_from_mat_and_from_qps() -> None:
     a, b = (read(DRAWN / f"drawn.{suffix}") for suffix in ("mat", "mps"))
     assert same(a.qp, b.qp)
-    assert a.constant == b.constant == 3.25
-    assert sp.issparse(a.qp.P)
+    assert (a.constant, b.constant, sp.issparse(a.qp.P)) == (3.25, 3.25, True)
 
 
 WHOLE = {"P": np.eye(2), "q": np.ones(2)}

@@ -97,8 +97,9 @@ def test_a_model_in_other_units_than_the_recording_of_the_race_is_judged_in_its_
         piezobench.run("deploy", run.path, *LONG, "--model", name, "--out", f"c-{name}", "--json", folder=tmp_path)
         for name in ("small.json", "model.json")
     )
-    error_percent = json.loads(usual.stdout)["error_percent"]
-    assert json.loads(small.stdout)["error_percent"] == pytest.approx(error_percent, rel=1e-3)
+    assert json.loads(small.stdout)["error_percent"] == pytest.approx(
+        json.loads(usual.stdout)["error_percent"], rel=1e-3
+    )
     assert Deployment.load(tmp_path / "c-small.json").model.structure.input_unit == "mV"
 
 
@@ -124,8 +125,9 @@ def test_only_a_model_of_the_first_four_fifths_is_said_to_be_judged_on_held_out_
     stop = x.size // 2 if how == "half" else round(0.8 * x.size) if how.startswith("four fifths") else x.size
     if how == "later":
         x, y = later.x, later.counted_y
-    table = {"time_s": np.arange(stop) * 1e-3, "voltage_V": x[:stop], "displacement_um": y[:stop]}
-    write_table(tmp_path / "part.csv", table)
+    write_table(
+        tmp_path / "part.csv", {"time_s": np.arange(stop) * 1e-3, "voltage_V": x[:stop], "displacement_um": y[:stop]}
+    )
     words: tuple[object, ...] = ("--problem", "recorded/n5-m3-whole")
     if how != "problem":
         further = {"skip": ("--skip", 500), "resampled": ("--resample", 0.001000001), "four fifths and whole": (path,)}

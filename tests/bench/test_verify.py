@@ -82,8 +82,10 @@ def test_a_run_whose_rows_were_edited_is_refused(
     piezobench: CommandLine, clean_race: Race, tmp_path: Path, change: Callable[[pd.DataFrame], pd.DataFrame], why: str
 ) -> None:
     run = clean_race.copied(tmp_path / "run", lambda rows: change(rows[rows.solver == "osqp"].copy()))
-    said = f"{re.escape(str(run.path))} does not agree with its answers: .*{re.escape(why)}"
-    assert re.search(said, piezobench("verify", run.path).refusal)
+    assert re.search(
+        f"{re.escape(str(run.path))} does not agree with its answers: .*{re.escape(why)}",
+        piezobench("verify", run.path).refusal,
+    )
 
 
 def change_a_bit(path: Path) -> None:

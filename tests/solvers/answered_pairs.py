@@ -72,8 +72,7 @@ def pair(form: str, d: int, seed: int = 0, decades: float = 0.0) -> Pair:
         if general:
             active = np.isclose(G @ at, h, rtol=0.0, atol=1e-12)
             w = w + A.T @ rng.normal(size=2) + G.T @ np.where(active, rng.uniform(0.5, 2.0, h.size), 0.0)
-        q = -P @ at - w
-        problems.append(Problem(P / np.outer(unit, unit), q / unit, lb=lb * unit, ub=ub * unit, **scaled))
+        problems.append(Problem(P / np.outer(unit, unit), (-P @ at - w) / unit, lb=lb * unit, ub=ub * unit, **scaled))
     return Pair(problems, list(x * unit), unit)
 
 

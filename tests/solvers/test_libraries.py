@@ -192,18 +192,26 @@ def test_an_answer_found_at_a_tight_tolerance_is_as_exact_as_stated(name: str, f
         assert solver.solution().found or DIRECT[name].gives_up
 
 
+INDEFINITE = Problem(np.diag([1.0, -2.0]), np.zeros(2), lb=np.zeros(2))
+NOT_TAKEN = [
+    *((Lane.DIRECT, name, form) for name, form in product(DIRECT, FORMS) if form not in DIRECT[name].forms),
+    *(case for case in BREAKS if case[:2] in ALL),
+]
+
+
 @pytest.mark.parametrize(
-    ("lane", "name", "form"),
+    ("lane", "name", "problem", "said"),
     [
-        *((Lane.DIRECT, name, form) for name, form in product(DIRECT, FORMS) if form not in DIRECT[name].forms),
-        *(case for case in BREAKS if case[:2] in ALL),
+        *(pytest.param(*case, pair(form, 12).problems[0], case[1], id=form) for *case, form in NOT_TAKEN),
+        pytest.param(Lane.CVXPY, "clarabel", INDEFINITE, "-2", id="indefinite"),
+        pytest.param(Lane.DIRECT, "osqp", INDEFINITE, "error 4", id="indefinite"),
     ],
 )
-def test_a_form_that_a_solver_cannot_take_is_refused_in_a_sentence_that_names_the_solver(
-    lane: Lane, name: str, form: str
+def test_a_form_that_a_solver_cannot_take_is_refused_by_its_name_and_an_indefinite_cost_with_what_shows_it(
+    lane: Lane, name: str, problem: Problem, said: str
 ) -> None:
-    with pytest.raises(Unsupported, match=name):
-        ready(lane, name, pair(form, 12).problems[0])
+    with pytest.raises(Unsupported, match=said):
+        ready(lane, name, problem)
 
 
 @pytest.mark.parametrize("sparse", [False, True])
@@ -407,9 +415,3 @@ def test_cvxpy_compiles_the_problem_once_since_it_is_dpp_and_reports_the_time_of
 def test_the_square_root_of_a_singular_cost_still_gives_that_cost() -> None:
     root = square_root(np.ones((3, 3)))
     np.testing.assert_allclose(root.T @ root, np.ones((3, 3)), atol=1e-12)
-
-
-@pytest.mark.parametrize(("lane", "name", "why"), [(Lane.CVXPY, "clarabel", "-2"), (Lane.DIRECT, "osqp", "error 4")])
-def test_an_indefinite_cost_is_refused_with_what_shows_it(lane: Lane, name: str, why: str) -> None:
-    with pytest.raises(Unsupported, match=why):
-        ready(lane, name, Problem(np.diag([1.0, -2.0]), np.zeros(2), lb=np.zeros(2)))

@@ -100,8 +100,7 @@ for target in sys.argv[1:]:
 def test_an_absent_solver_and_an_invalid_registration_end_a_race_with_the_reason_and_leave_nothing(
     tmp_path: Path,
 ) -> None:
-    targets = [installed(tmp_path / str(i), each) for i, each in enumerate(REFUSED)]
-    call = python("-c", RACES, *targets, folder=tmp_path)
+    call = python("-c", RACES, *[installed(tmp_path / str(i), each) for i, each in enumerate(REFUSED)], folder=tmp_path)
     assert call.stdout.split() == ["2"] * len(REFUSED)
     said = "".join(f"piezobench race: .*{re.escape(message)}.*\n" for message in REFUSED.values())
     assert re.fullmatch(said, without_waiting(call.stderr))
