@@ -104,6 +104,11 @@ class Finished:
     stderr: str
 
     @property
+    def said(self) -> str:
+        """What it printed, on one line."""
+        return " ".join(self.stdout.split())
+
+    @property
     def refusal(self) -> str:
         """The one sentence with which a call was refused."""
         lines = self.stderr.splitlines()

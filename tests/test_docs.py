@@ -151,8 +151,8 @@ def included(found: re.Match[str]) -> str:
 @pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=lambda page: page.stem)
 def test_links_lead_to_existing_files(page: Path) -> None:
     text = re.sub(r'--8<-- "([^":]+):?(\w*)"', included, page.read_text(encoding="utf-8"))
-    links = re.findall(r"\]\(([^)#:]+\.\w+)(?:#\S*)?\)", text)
-    assert [link for link in links if not (page.parent / link).exists()] == []
+    links = {link: page.parent / link for link in re.findall(r"\]\(([^)#:]+\.\w+)(?:#\S*)?\)", text)}
+    assert [link for link, path in links.items() if not path.exists()] == []
 
 
 def test_the_page_on_the_report_explains_every_status_lane_and_tier_and_names_existing_headings() -> None:
@@ -167,8 +167,7 @@ def test_the_figures_on_the_first_page_are_those_of_the_reference_run_and_of_the
         encoding="utf-8"
     )
     figures = re.findall(r"\*\*(\d.*?)\*\*", (ROOT / "docs" / "index.md").read_text(encoding="utf-8"))
-    assert len(figures) == 4
-    assert all(figure in measured for figure in figures), figures
+    assert [figure in measured for figure in figures] == [True] * 4, figures
 
 
 @pytest.mark.slow
@@ -194,8 +193,8 @@ def test_the_workflow_of_a_solvers_author_fails_when_the_solver_takes_more_time_
         words = (*race.split(), "--solver", "projected_difference", "--name", name)  # which errs, and is not theirs
         for call in (words, ("report", f"results/{name}")):
             done = piezobench(*call, folder=tmp_path)
-            assert done.status == int(name != "right")
-            assert done.stdout.splitlines()[-1].startswith("Wrong: my_solver (direct) ") == (name != "right")
+            is_named = done.stdout.splitlines()[-1].startswith("Wrong: my_solver (direct) ")
+            assert (done.status, is_named) == ((0, False) if name == "right" else (1, True))
 
 
 def test_the_defect_that_the_page_on_certificates_names_is_there(capfd: pytest.CaptureFixture[str]) -> None:

@@ -72,8 +72,7 @@ class Expected:
 def compensation(size: int, dynamics: Dynamics | None = None) -> Expected:
     """A compensator that reaches its limits of drive and rate."""
     model, y_ref = replace(a_model(), dynamics=dynamics), references(size)
-    compensator = Compensator(model, x_limits=LIMITS, rate_limit=2e5)
-    x = compensator.run(y_ref)
+    x = Compensator(model, x_limits=LIMITS, rate_limit=2e5).run(y_ref)
     assert {LIMITS[0], LIMITS[1]} <= set(x.tolist())
     return Expected(model, ExportSettings(x_limits=LIMITS, rate_limit=2e5), y_ref, x)
 
@@ -154,9 +153,8 @@ def write_sources(folder: Path, model: HysteresisCreepModel, settings: ExportSet
 def build(folder: Path, source: str, compiler: str, *flags: str) -> Path:
     """Build a program of this folder, replay.c or emulated.c, with the export in another."""
     target = folder / source.removesuffix(".c")
-    units = sorted(path for path in folder.glob("piezo*.c"))
-    words = [program(compiler), "-std=c99", *flags, "-I", folder, Path(__file__).with_name(source), *units]
-    subprocess.run([*words, "-o", target, "-lm"], check=True)
+    units = [Path(__file__).with_name(source), *sorted(folder.glob("piezo*.c"))]
+    subprocess.run([program(compiler), "-std=c99", *flags, "-I", folder, *units, "-o", target, "-lm"], check=True)
     return target
 
 

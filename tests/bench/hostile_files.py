@@ -197,5 +197,4 @@ def make_hostile(run: Run, file: str, columns: Iterable[str], payloads: Sequence
         table = table.set_column(table.column_names.index(name), name, pa.array(texts))
     parquet.write_table(table, run.path / file)
     named = {payload: payload for payload in payloads}
-    left_out = {"paper": {payload.replace("/", ""): payload for payload in payloads}}
-    run.note(lanes=named, absent=named, left_out=left_out)
+    run.note(lanes=named, absent=named, left_out={"paper": {name.replace("/", ""): name for name in payloads}})

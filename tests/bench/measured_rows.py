@@ -54,30 +54,31 @@ def row(**known: object) -> Row:
     return {**found, "task": "-".join(of_all_repeats), **derived, **known}
 
 
+def columns_at(index: int, columns: Row) -> Row:
+    """The columns at a rung or a problem, for which a list holds a value each."""
+    return {name: value[index] if isinstance(value, list) else value for name, value in columns.items()}
+
+
 def ladder(gaps: dict[str, list[float]], **known: object) -> list[Row]:
     """The settings s0, s1, … of a solver on some problems by their cost gaps, from loose to tight; NaN is a setting
     that failed.
 
     A list holds a value for each rung.
     """
-    found = []
-    for problem, by_rung in gaps.items():
-        for rung, gap in enumerate(by_rung):
-            here = {name: value[rung] if isinstance(value, list) else value for name, value in known.items()}
-            status = "solver_failed" if np.isnan(gap) else "answered"
-            found.append(
-                row(
-                    **{
-                        "problem": problem,
-                        "setting": f"s{rung}",
-                        "rung": rung,
-                        "cost_gap": gap,
-                        "status": status,
-                        **here,
-                    }
-                )
-            )
-    return found
+    return [
+        row(
+            **{
+                "problem": problem,
+                "setting": f"s{rung}",
+                "rung": rung,
+                "cost_gap": gap,
+                "status": "solver_failed" if np.isnan(gap) else "answered",
+                **columns_at(rung, known),
+            }
+        )
+        for problem, by_rung in gaps.items()
+        for rung, gap in enumerate(by_rung)
+    ]
 
 
 def steps(gaps: dict[str, list[float]], **known: object) -> list[Row]:

@@ -74,8 +74,8 @@ class Race:
 def checkout(folder: Path) -> Path:
     """A folder with a commit of its own, which is named as the folder."""
     folder.mkdir()
-    as_somebody = ("-c", "user.name=A", "-c", "user.email=a@b.c")
-    for words in (("init", "-q"), (*as_somebody, "commit", "-q", "--allow-empty", "-m", folder.name)):
+    commit = ("-c", "user.name=A", "-c", "user.email=a@b.c", "commit", "-q", "--allow-empty", "-m", folder.name)
+    for words in (("init", "-q"), commit):
         subprocess.run(["git", *words], cwd=folder, check=True)
     return folder
 
@@ -148,8 +148,12 @@ def clean_race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory
 def faulty_race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
     """Two honest solvers among solvers with every fault."""
     folder = tmp_path_factory.mktemp("faulty")
-    files = [word for path in faulty_solvers.write_all(folder) for word in ("--solver", path)]
-    return raced(piezobench, folder, "faulty", *files)
+    return raced(
+        piezobench,
+        folder,
+        "faulty",
+        *(word for path in faulty_solvers.write_all(folder) for word in ("--solver", path)),
+    )
 
 
 @pytest.fixture(scope="session")

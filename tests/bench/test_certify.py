@@ -261,7 +261,7 @@ def test_on_the_public_set_the_exact_solver_is_right_everywhere_and_a_wrong_one_
     solvers = ("--solver", "box_active_set", "--solver", slowed_solver.write(tmp_path, 1.0))
     words = ("--set", "boxes", "--lane", "kernel", "--scaling", "raw", "--budget", 0, "--rounds", 0)
     ended = piezobench("race", *words, *solvers, "--out", tmp_path, "--name", "run")
-    assert (ended.status, "Wrong: slowed (direct) " in " ".join(ended.stdout.split())) == (1, True)
+    assert (ended.status, "Wrong: slowed (direct) " in ended.said) == (1, True)
     rows = Run(tmp_path / "run").rows().query("solver == 'box_active_set' and timed == 'hot'")
     assert rows.problem.nunique() == 200
     assert rows[["cost_gap", "violation"]].max(axis=None) < 1e-9

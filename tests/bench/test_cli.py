@@ -119,8 +119,11 @@ def test_the_installed_script_refuses_as_the_module_does(tmp_path: Path) -> None
     script = Path(sys.executable).with_name("piezobench")
     call = [script] if script.exists() else [sys.executable, "-m", "bench"]
     done = subprocess.run([*call, "report", "nowhere"], cwd=tmp_path, capture_output=True, text=True, check=False)
-    said = "piezobench report: nowhere is not a run folder: it has no run.json\n"
-    assert (done.returncode, done.stdout, done.stderr) == (2, "", said)
+    assert (done.returncode, done.stdout, done.stderr) == (
+        2,
+        "",
+        "piezobench report: nowhere is not a run folder: it has no run.json\n",
+    )
 
 
 def in_bash(line: str, folder: Path) -> tuple[int, str, str]:

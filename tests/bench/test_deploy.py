@@ -11,7 +11,7 @@ import pyarrow as pa
 import pytest
 from command_line import CommandLine
 from hostile_files import MODEL, STRUCTURE, change_machine
-from measured_rows import row
+from measured_rows import columns_at, row
 from pyarrow import parquet
 from small_races import REFERENCE, Race
 
@@ -53,12 +53,19 @@ def racer(
     """Rows of a solver lane with times in µs, for gaps by problem and rung; a list gives a column by problem."""
     names, rows = names or ladder_of(solver, lane), []
     for problem, by_rung in enumerate(gaps):
-        here = {name: value[problem] if isinstance(value, list) else value for name, value in columns.items()}
         for rung, gap in enumerate(by_rung):
             times = us(calls // len(gaps)) if callable(us) else np.full(calls // len(gaps), us)
-            ordinary = {"problem": f"p{problem}", "solver": solver, "lane": lane, "setting": names[rung], "rung": rung}
-            timed = {"solve_us_p50": float(np.median(times)), "samples": times.size}
-            rows.append((row(**{**ordinary, "cost_gap": gap, **timed, **here}), times))
+            ordinary = {
+                "problem": f"p{problem}",
+                "solver": solver,
+                "lane": lane,
+                "setting": names[rung],
+                "rung": rung,
+                "cost_gap": gap,
+                "solve_us_p50": float(np.median(times)),
+                "samples": times.size,
+            }
+            rows.append((row(**{**ordinary, **columns_at(problem, columns)}), times))
     return rows
 
 
@@ -77,8 +84,8 @@ def run_of(
     (made.path / "machines").mkdir()
     (made.path / "machines" / f"{machine.key(here)}.json").write_text(json.dumps(here))
     both = [each for part in parts for each in part]
-    rows = [{**one, "machine": machine.key(here)} for one, _ in both]
-    parquet.write_table(pa.Table.from_pylist(rows, ROWS), made.path / "rows.parquet")
+    rows = pa.Table.from_pylist([{**one, "machine": machine.key(here)} for one, _ in both], ROWS)
+    parquet.write_table(rows, made.path / "rows.parquet")
     times = [
         {**{name: one.get(name) for name in TIMES.names[:4]}, "what": name, "ns": np.round(1e3 * ns).astype(np.int64)}
         for one, us in both
@@ -338,7 +345,7 @@ def test_times_of_another_machine_are_said_to_be_of_it_and_those_of_this_one_are
     run, this = wide_race.copied(tmp_path / "run"), machine.name(machine.describe())
     if elsewhere:
         change_machine(run.path, processor="Abacus 3000", cores=1, core="wood, hand 1.0")
-    output = " ".join(piezobench.quietly(*words, folder=tmp_path).stdout.split())
+    output = piezobench.quietly(*words, folder=tmp_path).said
     there = "Abacus 3000, 1 core, wood, hand 1.0" if elsewhere else this
     assert words[0] != "deploy" or f"µs on the machine of the run ({there})." in output
     assert elsewhere == output.count(
@@ -385,8 +392,8 @@ def test_a_problem_can_be_named(wide_race: Race) -> None:
 def test_what_is_deployed_learns_continuously_and_a_sentence_says_with_which_solver_where(
     tmp_path: Path, fastest: str, where: str
 ) -> None:
-    gaps = ((1e-13,) * len(ladder_of(fastest)),) * 2
-    decision = decide(run_of(tmp_path, nothing(), racer(fastest, gaps)), LENIENT)
+    right = racer(fastest, ((1e-13,) * len(ladder_of(fastest)),) * 2)
+    decision = decide(run_of(tmp_path, nothing(), right), LENIENT)
     assert f"The compensator learns continuously: {where}" in [text.replace("†", "") for text in decision.sentences()]
     loaded = saved_and_loaded(
         decision.deployment(model_for(decision.run, SelfLearningCompensator(STRUCTURE).model)), tmp_path

@@ -317,62 +317,56 @@ def test_models_states_and_limits_can_be_set_and_two_axes_are_independent(
     np.testing.assert_array_equal(second[600:], first[600:])
 
 
+OF_C = {"memcpy", "memmove", "memset", "sqrt", "__stack_chk_fail", "_GLOBAL_OFFSET_TABLE_"}
+"""What the sources may call."""
+
+
 @pytest.mark.slow
-def test_the_source_has_no_recursion_allocates_nothing_and_its_stack_is_that_of_the_readme(tmp_path: Path) -> None:
-    for solver in LOOPS:
-        write_sources(tmp_path, a_model(), ExportSettings(part="learning", **loop_of(solver)))
-        deepest = 0
-        for unit in ("piezo", "piezo_learner"):
-            subprocess.run(
-                [
-                    program("gcc"),
-                    *WARNINGS,
-                    "-O2",
-                    "-fno-math-errno",
-                    "-fstack-usage",
-                    "-fcallgraph-info",
-                    "-c",
-                    f"{unit}.c",
-                ],
-                cwd=tmp_path,
-                check=True,
-            )
-            graph = TopologicalSorter[str]()
-            calls = re.findall(
-                r'edge: \{ sourcename: "(?:[^"]*:)?(.*?)" targetname: "(?:[^"]*:)?(.*?)"',
-                (tmp_path / f"{unit}.ci").read_text(),
-            )
-            for caller, called in calls:
-                graph.add(caller, called)
-            order = list(graph.static_order())  # CycleError if a function calls itself, however indirectly
-            assert len(order) > 10
-            symbols = subprocess.run(
-                [program("nm"), f"{unit}.o"], cwd=tmp_path, capture_output=True, text=True, check=True
-            ).stdout
-            needed = set(re.findall(r" U (\w+)", symbols))
-            assert {name for name in needed if not name.startswith("piezo_")} <= {
-                "memcpy",
-                "memmove",
-                "memset",
-                "sqrt",
-                "__stack_chk_fail",
-                "_GLOBAL_OFFSET_TABLE_",
-            }
-            assert not re.search(r" [bBdDC] ", symbols), "nothing is static but constants"
-            assert all(name.startswith("piezo_") for name in re.findall(r" T (\w+)", symbols)), (
-                "two exports in one program do not meet"
-            )
-            frames = [line.split("\t") for line in (tmp_path / f"{unit}.su").read_text().splitlines()]
-            assert {kind for _, _, kind in frames} == {"static"}
-            own = {name.rpartition(":")[2]: int(size) for name, size, _ in frames}
-            depth: dict[str, int] = {}
-            for name in order:  # callees come first
-                depth[name] = own.get(name, 0) + max(
-                    (depth[called] for caller, called in calls if caller == name), default=0
-                )
-            deepest += max(depth.values())
-        stack = re.search(r"stack \| below (\d+) bytes", (tmp_path / "README.md").read_text())
-        assert 0.2 * int(stack[1]) < deepest <= int(stack[1])
+@pytest.mark.parametrize("solver", LOOPS)
+def test_the_source_has_no_recursion_allocates_nothing_and_its_stack_is_that_of_the_readme(
+    tmp_path: Path, solver: str
+) -> None:
+    write_sources(tmp_path, a_model(), ExportSettings(part="learning", **loop_of(solver)))
+    deepest = 0
+    for unit in ("piezo", "piezo_learner"):
+        subprocess.run(
+            [
+                program("gcc"),
+                *WARNINGS,
+                "-O2",
+                "-fno-math-errno",
+                "-fstack-usage",
+                "-fcallgraph-info",
+                "-c",
+                f"{unit}.c",
+            ],
+            cwd=tmp_path,
+            check=True,
+        )
+        calls = re.findall(
+            r'edge: \{ sourcename: "(?:[^"]*:)?(.*?)" targetname: "(?:[^"]*:)?(.*?)"',
+            (tmp_path / f"{unit}.ci").read_text(),
+        )
+        below = {caller: {called for each, called in calls if each == caller} for caller, _ in calls}
+        order = [*TopologicalSorter(below).static_order()]  # CycleError if a function calls itself, however indirectly
+        assert len(order) > 10
+        symbols = subprocess.run(
+            [program("nm"), f"{unit}.o"], cwd=tmp_path, capture_output=True, text=True, check=True
+        ).stdout
+        assert {name for name in re.findall(r" U (\w+)", symbols) if not name.startswith("piezo_")} <= OF_C
+        assert not re.search(r" [bBdDC] ", symbols), "nothing is static but constants"
+        assert all(name.startswith("piezo_") for name in re.findall(r" T (\w+)", symbols)), (
+            "two exports in one program do not meet"
+        )
+        frames = [line.split("\t") for line in (tmp_path / f"{unit}.su").read_text().splitlines()]
+        assert {kind for _, _, kind in frames} == {"static"}
+        own = {name.rpartition(":")[2]: int(size) for name, size, _ in frames}
+        depth: dict[str, int] = {}
+        for name in order:  # callees come first
+            depth[name] = own.get(name, 0) + max((depth[called] for called in below.get(name, ())), default=0)
+        deepest += max(depth.values())
+    stack = re.search(r"stack \| below (\d+) bytes", (tmp_path / "README.md").read_text())
+    assert 0.2 * int(stack[1]) < deepest <= int(stack[1])
 
 
 # The command line, from a recording to the controller.
@@ -435,25 +429,45 @@ def test_cmake_builds_it_too(piezobench: CommandLine, desk: Path, tmp_path: Path
     assert subprocess.run([tmp_path / "build" / "example"], capture_output=True, check=True).stdout
 
 
-def test_a_compensator_of_deploy_keeps_its_limits_and_its_solver(
-    piezobench: CommandLine, desk: Path, tmp_path: Path
+LEARNS, COMPENSATES, REFUSED = "piezo_learner.c", "piezo.c", ""
+
+
+@pytest.mark.parametrize(
+    ("file", "options", "made", "said"),
+    [
+        ("deployed.json", (), LEARNS, "the self-learning loop (continuous, box_active_set) with d"),
+        ("exact.json", (), LEARNS, "the self-learning loop (cyclic, box_active_set) with d"),
+        ("daqp.json", ("--part", "compensator"), COMPENSATES, "the compensator with "),
+        ("daqp.json", ("--mode", "continuous"), LEARNS, "the self-learning loop (continuous, box_active_set) with d"),
+        ("daqp.json", ("--solver", "projected_difference"), LEARNS, "(cyclic, projected_difference) with d"),
+        (
+            "daqp.json",
+            (),
+            REFUSED,
+            "the C does not learn with daqp in cyclic mode; it learns with box_active_set in either mode",
+        ),
+        (
+            "deployed.json",
+            ("--solver", "projected_difference"),
+            REFUSED,
+            "the C does not learn with projected_difference in continuous mode",
+        ),
+    ],
+)
+def test_a_compensator_of_deploy_keeps_its_solver_or_is_refused_and_nothing_is_written(
+    piezobench: CommandLine, desk: Path, tmp_path: Path, file: str, options: tuple[str, ...], made: str, said: str
 ) -> None:
+    call = piezobench("export-c", file, tmp_path / "c", *options, folder=desk)
+    assert said in " ".join((call.stdout if made else call.refusal).split())
+    sources = {path.name for path in tmp_path.glob("c/*")} & {LEARNS, COMPENSATES}
+    assert sources == {REFUSED: set(), COMPENSATES: {COMPENSATES}, LEARNS: {COMPENSATES, LEARNS}}[made]
+
+
+def test_a_compensator_of_deploy_keeps_its_limits(piezobench: CommandLine, desk: Path, tmp_path: Path) -> None:
     (tmp_path / "c").mkdir()  # an empty folder is filled
-    call = piezobench("export-c", "deployed.json", tmp_path / "c", folder=desk)
-    assert "the self-learning loop (continuous, box_active_set) with d" in " ".join(call.stdout.split())
+    piezobench.run("export-c", "deployed.json", tmp_path / "c", folder=desk)
     defined = dict(re.findall(r"#define (\w+) (\S+)", (tmp_path / "c" / "piezo_parameters.h").read_text()))
     assert defined.items() >= {"PIEZO_LOW": "10.0", "PIEZO_LEARNING": "4", "PIEZO_INTERVAL": "80"}.items()
-    refusal = piezobench("export-c", "daqp.json", tmp_path / "d", folder=desk).refusal
-    assert "the C does not learn with daqp in cyclic mode; it learns with box_active_set in either mode" in refusal
-    call = piezobench("export-c", "exact.json", tmp_path / "e", folder=desk)
-    assert "the self-learning loop (cyclic, box_active_set) with d" in " ".join(call.stdout.split())
-    for options in (("--part", "compensator"), ("--mode", "continuous"), ("--solver", "projected_difference")):
-        folder = tmp_path / options[1]
-        assert piezobench("export-c", "daqp.json", folder, *options, folder=desk).status == 0
-        assert (folder / "piezo_learner.c").exists() == (options[0] != "--part")
-    call = piezobench("export-c", "deployed.json", tmp_path / "f", "--solver", "projected_difference", folder=desk)
-    assert "the C does not learn with projected_difference in continuous mode" in call.refusal
-    assert not (tmp_path / "f").exists()
 
 
 @pytest.mark.needs("cc")
@@ -484,5 +498,5 @@ def test_every_verb_that_takes_a_model_takes_a_compensator_of_deploy(
     assert (tmp_path / "deployed-output.csv").read_bytes() == (tmp_path / "model-output.csv").read_bytes()
     drive = np.loadtxt(tmp_path / "deployed-drive.csv", delimiter=",", skiprows=1)[:, 1]
     assert (drive.min(), drive.max()) == (10.0, 120.0)  # its limits
-    call = piezobench("export-fmu", desk / "deployed.json", tmp_path / "it.fmu")
-    assert "It compensates and does not learn; export-c writes the self-learning loop" in " ".join(call.stdout.split())
+    said = piezobench.run("export-fmu", desk / "deployed.json", tmp_path / "it.fmu").said
+    assert "It compensates and does not learn; export-c writes the self-learning loop" in said

@@ -79,7 +79,7 @@ def desk(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> P
     before = contents(folder)
     assert "noise.csv: the model class does not describe these data" in piezobench(*words, folder=folder).refusal
     assert contents(folder) == before
-    assert WARNING in " ".join(piezobench.run(*words, "--force", folder=folder).stdout.split())
+    assert WARNING in piezobench.run(*words, "--force", folder=folder).said
     return folder
 
 
@@ -172,9 +172,8 @@ def test_a_scan_is_compensated_after_a_declared_lag_without_lag_or_not_at_all(
 ) -> None:
     results = {}
     for option in ("--dynamics", "--preview", "--no-dynamics"):
-        out = tmp_path / f"{option}.csv"
-        call = piezobench.run("compensate", ringing / "0.json", ringing / "scan.csv", "--out", out, option, "--json")
-        results[option] = json.loads(call.stdout)
+        words = ("compensate", ringing / "0.json", ringing / "scan.csv", "--out", f"{option}.csv", option, "--json")
+        results[option] = json.loads(piezobench.run(*words, folder=tmp_path).stdout)
     lag = HysteresisCreepModel.load(ringing / "0.json").dynamics.lag_s(T)
     inverted, previewed, static = results.values()
     assert [result["lag_s"] for result in results.values()] == [pytest.approx(lag), 0.0, 0.0]
@@ -212,8 +211,10 @@ def test_exports_invert_the_dynamics_and_carry_the_lag_as_a_constant_or_have_the
     assert (LEFT_OUT in description) == left_out
     lag = repr(HysteresisCreepModel.load(ringing / "0.json").dynamics.lag_s(T))
     if left_out:
-        said = rf"{LEFT_OUT} 400 Hz with damping [0-9.]+ %, a delay of [0-9.]+ us\."
-        assert re.search(said, (tmp_path / "c" / "README.md").read_text("utf-8"))
+        assert re.search(
+            rf"{LEFT_OUT} 400 Hz with damping [0-9.]+ %, a delay of [0-9.]+ us\.",
+            (tmp_path / "c" / "README.md").read_text("utf-8"),
+        )
     else:
         assert f"#define PIEZO_LAG_S {lag}\n" in (tmp_path / "c" / "piezo_parameters.h").read_text("utf-8")
         assert re.search(rf'name="lag" [^/]*variability="constant" [^/]*start="{re.escape(lag)}"', description)
@@ -228,7 +229,7 @@ def test_the_model_is_deployed_and_learns_with_its_dynamics_or_with_a_warning(
     deploy = ("deploy", REFERENCE, "--model", ringing / "0.json", "--deadline", 1e6, "--out", out, *option)
     live = ("live", ringing / "0.json", "--simulate", "relay_preisach", "--rate", 1 / T, "--seconds", 0.2, "--no-page")
     for words in (deploy, (*live, *option)):
-        assert (LEFT_OUT in " ".join(piezobench.run(*words).stdout.split())) == left_out
+        assert (LEFT_OUT in piezobench.run(*words).said) == left_out
     model = Deployment.load(out).model
     assert (LEFT_OUT in model.warning) == left_out == (model.dynamics is None)
 

@@ -231,7 +231,7 @@ def test_each_recording_is_judged_and_each_reference_followed_by_the_model_of_it
     assert "1 of 3 recordings is refused" in call.refusal
     own = "Judged on the recording that the model was fitted to, which says little about others"
     other = piezobench.run("validate", models / "stage0.json", recordings[1], "--out-dir", tmp_path / "others")
-    assert [f"{own}: 2." in " ".join(call.stdout.split()), own in " ".join(other.stdout.split())] == [True, False]
+    assert [f"{own}: 2." in call.said, own in other.said] == [True, False]
     judged = table_in(tmp_path / "judged").set_index("name")
     assert judged.refused["stranger"] == f"{models / 'stranger.json'}: there is no such file"
     for path in chosen:
@@ -257,7 +257,7 @@ def test_each_recording_is_judged_and_each_reference_followed_by_the_model_of_it
     call = piezobench("compensate", models, *references, "--x-start", -900, "--out-dir", tmp_path / "outside")
     assert "2 of 2 recordings are refused" in call.refusal
     assert list(table_in(tmp_path / "outside").name) == [path.stem for path in references]
-    assert "--x-start must be within the limits of the drive" in " ".join(call.stdout.split())
+    assert "--x-start must be within the limits of the drive" in call.said
 
 
 @pytest.mark.slow

@@ -204,9 +204,11 @@ def raced(piezobench: CommandLine, folder: Path) -> tuple[Run, str]:
     solvers = ("--solver", "daqp", "--solver", "clarabel", "--solver", "box_active_set", "--solver", own)
     words = ("race", "--folder", folder, *solvers, *options, "--out", folder / "results", "--name", "run")
     call = piezobench(*words, XDG_CACHE_HOME=str(own))  # a file instead of a folder
-    why = f"{own}/piezobench: cannot be written (Not a directory), so nothing is kept for the next time\n"
-    assert (call.status, call.stderr) == (0, why)
-    return Run.open(folder / "results" / "run"), " ".join(call.stdout.split())
+    assert (call.status, call.stderr) == (
+        0,
+        f"{own}/piezobench: cannot be written (Not a directory), so nothing is kept for the next time\n",
+    )
+    return Run.open(folder / "results" / "run"), call.said
 
 
 def test_a_race_without_a_cache_warns_once_leaves_out_programs_without_a_proof_and_lists_the_reasons(
@@ -303,12 +305,21 @@ def test_rows_are_judged_by_the_distance_to_the_nearest_feasible_point(
     assert wrong.violation > 1e-5
 
 
-def test_a_folder_without_programs_and_an_invalid_limit_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(ProblemSetError, match=r"holds no program; programs are read from \.npz, \.mat, \.qps, \.mps"):
-        make("foreign", options={"folder": str(tmp_path)})
-    for work in ("soon", "nan", "0.5"):
-        with pytest.raises(ProblemSetError, match=f"work must be a number of bit operations, not '{work}'"):
-            make("foreign", options={"folder": str(DRAWN), "work": work})
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        pytest.param({}, r"holds no program; programs are read from \.npz, \.mat, \.qps, \.mps", id="an empty folder"),
+        *(
+            ({"folder": str(DRAWN), "work": work}, f"work must be a number of bit operations, not '{work}'")
+            for work in ("soon", "nan", "0.5")
+        ),
+    ],
+)
+def test_a_folder_without_programs_and_an_invalid_limit_are_refused(
+    tmp_path: Path, options: dict[str, str], sentence: str
+) -> None:
+    with pytest.raises(ProblemSetError, match=sentence):
+        make("foreign", options={"folder": str(tmp_path), **options})
 
 
 def test_every_file_of_a_folder_is_read_or_named(tmp_path: Path) -> None:

@@ -215,16 +215,19 @@ def test_the_setting_is_that_for_1e_9_else_for_1e_6_else_the_solvers_defaults(ro
     assert settings(rows) == {"daqp": setting}
 
 
-def test_solvers_near_the_fastest_of_their_lane_are_timed_longer() -> None:
+@pytest.mark.parametrize(
+    ("samples", "longer"),
+    [pytest.param(0, {"daqp", "near"}, id="few times"), pytest.param(3000, set(), id="enough times")],
+)
+def test_solvers_near_the_fastest_of_their_lane_are_timed_longer(samples: int, longer: set[str]) -> None:
     rows = [
         *ladder({"p1": [1e-12]}, solve_us_p50=1.0),
         *ladder({"p1": [1e-12]}, solver="near", solve_us_p50=NEAR, timed_gap=1e-3),
         *ladder({"p1": [1e-12]}, solver="far", solve_us_p50=1.1 * NEAR),
         *ladder({"p1": [1e-12]}, solver="wrapped", lane="qpsolvers"),
     ]
-    for samples, longer in ((0, {"daqp", "near"}), (3000, set())):
-        plan = planned(table([{**each, "samples": samples} for each in rows]), 3000)
-        assert set(plan.solver[plan.longer]) == longer
+    plan = planned(table([{**each, "samples": samples} for each in rows]), 3000)
+    assert set(plan.solver[plan.longer]) == longer
 
 
 def test_a_lane_is_interleaved_on_all_problems_or_on_none() -> None:

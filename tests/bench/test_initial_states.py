@@ -54,8 +54,7 @@ def test_a_simulated_drive_has_the_error_that_identify_reports(
     )
     assert "The stage begins in the states that identify found before its recording." in call.stdout
     found = rms_percent(column(tmp_path / "y.csv", 2), column(desk / "stage.csv", 2))
-    fit = HysteresisCreepModel.load(desk / "model.json").report["fit"]
-    assert found == pytest.approx(fit["rms_percent"], rel=1e-6)
+    assert found == pytest.approx(HysteresisCreepModel.load(desk / "model.json").report["fit"]["rms_percent"], rel=1e-6)
 
 
 def test_the_compensated_drive_of_the_recorded_output_is_the_recorded_drive(

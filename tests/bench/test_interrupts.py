@@ -24,34 +24,25 @@ from small_races import TWO_CORES, saved
 from bench.store import Run
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(2)
+@pytest.mark.parametrize("draw", range(2))
 @pytest.mark.parametrize("verb", ["race", "identify", "report"])
-def test_an_interrupt_while_libraries_are_imported_ends_the_program_in_silence(tmp_path: Path, verb: str) -> None:
-    chance = random.Random(verb)
-    for _ in range(2):
-        call = subprocess.Popen(
-            [
-                sys.executable,
-                "-X",
-                "importtime",
-                "-m",
-                "bench",
-                verb,
-                str(tmp_path / "none"),
-                "--out",
-                str(tmp_path / "o"),
-            ],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            preexec_fn=hears_its_terminal,
-        )
-        while "typer" not in call.stderr.readline():  # the first import of the program
-            assert call.poll() is None
-        time.sleep(chance.uniform(0.0, 0.3))
-        call.send_signal(signal.SIGINT)
-        assert "Traceback" not in call.communicate()[1]
-        assert call.returncode in (130, 2)  # or it had already found that the file is missing
+def test_an_interrupt_while_libraries_are_imported_ends_the_program_in_silence(
+    tmp_path: Path, verb: str, draw: int
+) -> None:
+    call = subprocess.Popen(
+        [sys.executable, "-X", "importtime", "-m", "bench", verb, str(tmp_path / "none"), "--out", str(tmp_path / "o")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=hears_its_terminal,
+    )
+    while "typer" not in call.stderr.readline():  # the first import of the program
+        assert call.poll() is None
+    time.sleep(random.Random(f"{verb} {draw}").uniform(0.0, 0.3))
+    call.send_signal(signal.SIGINT)
+    assert "Traceback" not in call.communicate()[1]
+    assert call.returncode in (130, 2)  # or it had already found that the file is missing
 
 
 @pytest.mark.slow

@@ -223,11 +223,11 @@ def test_a_few_problems_of_a_set_are_spread_over_its_actuators_and_drives() -> N
     assert len({name.split("-")[0] for name in few}) == len({name.split("-")[1] for name in few}) == 3
 
 
-def test_a_set_makes_only_the_problems_that_are_wanted_under_their_names() -> None:
-    for name in ("noise", "measured"):
-        problem_set = make(name)
-        problem_set.selected = {problem_set.names()[1]}
-        assert [problem.name for problem in problem_set.problems()] == [problem_set.names()[1]]
+@pytest.mark.parametrize("name", ["noise", "measured"])
+def test_a_set_makes_only_the_problems_that_are_wanted_under_their_names(name: str) -> None:
+    problem_set = make(name)
+    problem_set.selected = {problem_set.names()[1]}
+    assert [problem.name for problem in problem_set.problems()] == [problem_set.names()[1]]
 
 
 @pytest.fixture(scope="module")
@@ -312,10 +312,17 @@ def test_a_file_made_from_a_recording_holds_the_sums_over_its_samples(recording:
     assert c == pytest.approx(reference.c)
 
 
-def test_make_bench_races_on_the_given_recording() -> None:
-    for words, recipe in (
-        ([], "piezobench race"),
-        (["RECORDING=my stage.csv", "OPTIONS=--input voltage_V"], '--recording "my stage.csv" --input voltage_V'),
-    ):
-        call = ["make", "-n", "--no-print-directory", "bench", *words]
-        assert subprocess.check_output(call, cwd=Path(__file__).parents[2], text=True).strip().endswith(recipe)
+@pytest.mark.parametrize(
+    ("words", "recipe"),
+    [
+        pytest.param([], "piezobench race", id="none"),
+        pytest.param(
+            ["RECORDING=my stage.csv", "OPTIONS=--input voltage_V"],
+            '--recording "my stage.csv" --input voltage_V',
+            id="one with a blank in its name",
+        ),
+    ],
+)
+def test_make_bench_races_on_the_given_recording(words: list[str], recipe: str) -> None:
+    call = ["make", "-n", "--no-print-directory", "bench", *words]
+    assert subprocess.check_output(call, cwd=Path(__file__).parents[2], text=True).strip().endswith(recipe)

@@ -351,8 +351,10 @@ def test_scalars_and_text_beside_a_program_and_the_files_of_races_are_read(tmp_p
         write(tmp_path / name, beside | row)
         found = read(tmp_path / name).qp
         assert same(found, Problem(WHOLE["P"], WHOLE["q"], np.ones((1, 2)), np.ones(1), lb=found.lb, ub=found.ub))
-    stored = ("problems/paper--duhem-staircase.npz", "misses/piqp-direct-measured--afm_head.npz")
-    assert all(read(Path("results/reference") / name).qp.q.size > 2 for name in stored)
+    assert all(
+        read(Path("results/reference") / name).qp.q.size > 2
+        for name in ("problems/paper--duhem-staircase.npz", "misses/piqp-direct-measured--afm_head.npz")
+    )
 
 
 def test_arrays_that_are_larger_than_their_file_are_refused_before_memory_is_taken(tmp_path: Path) -> None:

@@ -59,11 +59,10 @@ def test_the_model_of_all_of_a_recording_is_kept_and_deployed_with_the_error_of_
     error = run.settings["models"]["recorded"]["error_percent"]
     assert error == pytest.approx(identify(fitted).validate(unseen).fit.rms_percent, rel=1e-9)
     assert "deploy uses the model of the whole recording." in (run.path / "report.md").read_text()
-    call = piezobench.run("deploy", run.path, *LONG, "--out", tmp_path / "c.json")
     assert (
         "Model: from the recording of the race. Fitted to the first four fifths alone, its RMS error is "
         f"{error:.3g} % of the range on the last, which was held out."
-    ) in " ".join(call.stdout.split())
+    ) in piezobench.run("deploy", run.path, *LONG, "--out", tmp_path / "c.json").said
     deployed = Deployment.load(tmp_path / "c.json")
     assert deployed.model.weights.tolist() == weights
     assert (deployed.evidence["error_percent"], deployed.evidence["last_fifth"]) == (error, "held out, then fitted")
@@ -142,7 +141,7 @@ def test_only_a_model_of_the_first_four_fifths_is_said_to_be_judged_on_held_out_
         "held out": "the recording, which was held out, its RMS error is",
         "not known": "% of the range; whether it was fitted to it is not known.",
     }
-    assert {name for name, phrase in phrases.items() if phrase in " ".join(call.stdout.split())} == {last_fifth}
+    assert {name for name, phrase in phrases.items() if phrase in call.said} == {last_fifth}
 
 
 @pytest.mark.slow
@@ -179,8 +178,7 @@ def test_one_frequency_gives_a_model_without_creep_from_the_race_to_the_controll
     write_table(tmp_path / "a.csv", {"time_s": t, "voltage_V": u, "position_um": y + chance.normal(0, 0.3, t.size)})
     run = race_of(piezobench, tmp_path, "run", "--recording", tmp_path / "a.csv", *FEW).run
     assert f"of the whole recording. {UNDETERMINED}" in (run.path / "report.md").read_text()
-    call = piezobench("deploy", run.path, *LONG, "--out", tmp_path / "c.json")
-    assert UNDETERMINED in " ".join(call.stdout.split()), call.stderr
+    assert UNDETERMINED in piezobench.run("deploy", run.path, *LONG, "--out", tmp_path / "c.json").said
     model = Deployment.load(tmp_path / "c.json").model
     held = np.concatenate([np.linspace(1, 6, 50), np.full(6000, 6.0)])  # a step, held for a minute
     error = (model.simulate(held) - plain_stage.stage(held))[50:]
@@ -199,8 +197,10 @@ def test_missing_outputs_pass_through_identify_its_page_validate_a_fleet_and_a_r
         table.to_parquet(tmp_path / f"{name}.parquet")
     one, words = tmp_path / "a.parquet", ("--n", 3, "--m", 1, "--rates", "10")
     for verb in (("identify", one, *words, "--out", tmp_path / "m.json"), ("validate", tmp_path / "m.json", one)):
-        call = piezobench.run(*verb, "--page", tmp_path / f"{verb[0]}.html")
-        assert "over 4994 of 5000 samples (6 not counted)" in " ".join(call.stdout.split())
+        assert (
+            "over 4994 of 5000 samples (6 not counted)"
+            in piezobench.run(*verb, "--page", tmp_path / f"{verb[0]}.html").said
+        )
         assert "NaN" not in (tmp_path / f"{verb[0]}-figures" / "error.csv").read_text()
     piezobench.run("identify", one, tmp_path / "b.parquet", "--out-dir", tmp_path / "fleet", *words)
     two = ("--input", f"{one}:voltage_V", "--output", f"{tmp_path / 'b.parquet'}:displacement_um")

@@ -83,8 +83,7 @@ def arrays(problem: Problem) -> dict[str, Any]:
 
 def strided_and_locked(array: Matrix | Vector) -> Any:
     """The same numbers as every second entry of a larger array with other junk entries, read-only."""
-    large = np.full(tuple(2 * n for n in array.shape), 1e3)
-    view = large[tuple(slice(None, None, 2) for _ in array.shape)]
+    view = np.full(tuple(2 * n for n in array.shape), 1e3)[tuple(slice(None, None, 2) for _ in array.shape)]
     view[...] = array
     view.flags.writeable = False
     return view
@@ -99,12 +98,9 @@ FINER = {
 
 def asking(cls: type[Solver], tolerance: float | None) -> dict[str, Any]:
     """Settings with one tolerance everywhere, absolute and relative alike; none for None."""
-    if tolerance is None or not (
-        issubclass(cls, LibrarySolver) or any("tolerance" in rung for rung in cls.ladder(1.0))
-    ):
-        return {}
-    if not issubclass(cls, LibrarySolver):
-        return {"tolerance": tolerance}
-    finer = FINER.get(cls.name, {})
-    names = [name for name in cls.library.tolerances if name != "cost_unit"]
-    return {**{name: finer.get(name, 1.0) * tolerance for name in names}, **cls.library.rung_settings}
+    if tolerance is not None and issubclass(cls, LibrarySolver):
+        finer = FINER.get(cls.name, {})
+        names = [name for name in cls.library.tolerances if name != "cost_unit"]
+        return {**{name: finer.get(name, 1.0) * tolerance for name in names}, **cls.library.rung_settings}
+    is_taken = any("tolerance" in rung for rung in cls.ladder(1.0))
+    return {"tolerance": tolerance} if is_taken and tolerance is not None else {}

@@ -149,8 +149,7 @@ def test_a_warm_start_from_anywhere_at_any_bounds_finds_the_cold_answer(seed, d,
         start = np.where(np.isfinite(bound) & (rng.random(d) < 0.4), bound, start)
     warm = s.solve(start).copy()
     assert 0.5 * (warm - cold) @ P @ (warm - cold) <= 1e-13 * np.abs(q) @ np.abs(cold) + 1e-300
-    again = s.solve(cold)
-    np.testing.assert_allclose(again, cold, rtol=0, atol=10**decades * 1e-13)
+    np.testing.assert_allclose(s.solve(cold), cold, rtol=0, atol=10**decades * 1e-13)
     assert s.solution().extras["refinements"] <= 3
 
 
@@ -169,29 +168,28 @@ def test_a_warm_start_at_bounds_of_a_nearly_singular_program_keeps_no_bound_that
             assert isinstance(x, str) or violation(P, q, lb, ub, x) <= 1e-12, seed
 
 
+@pytest.mark.parametrize("seed", range(25))
 @pytest.mark.parametrize("decades", [0.9, 4, 8, 12])
-def test_a_program_at_rest_whose_optimum_is_zero_has_exactly_that_answer(decades):
-    d = 18
-    for seed in range(25):
-        rng = np.random.default_rng(seed)
-        P, q = spectrum_matrix(rng, d, decades), np.maximum(rng.normal(size=d), 0)
-        s = solver(P, q, np.where(q > 0, 0, -INF), np.full(d, INF))
-        assert not s.solve().any()
-        assert not s.solve(rng.normal(size=d)).any()
-        s = solver(P, np.zeros(d), np.full(d, -0.5), np.ones(d))
-        assert not s.solve(np.where(rng.random(d) < 0.5, -0.5, rng.normal(size=d))).any()
+def test_a_program_at_rest_whose_optimum_is_zero_has_exactly_that_answer(decades, seed):
+    d, rng = 18, np.random.default_rng(seed)
+    P, q = spectrum_matrix(rng, d, decades), np.maximum(rng.normal(size=d), 0)
+    s = solver(P, q, np.where(q > 0, 0, -INF), np.full(d, INF))
+    assert not s.solve().any()
+    assert not s.solve(rng.normal(size=d)).any()
+    s = solver(P, np.zeros(d), np.full(d, -0.5), np.ones(d))
+    assert not s.solve(np.where(rng.random(d) < 0.5, -0.5, rng.normal(size=d))).any()
 
 
+@pytest.mark.parametrize("seed", range(25))
 @pytest.mark.parametrize("bound", [0.0, -10.0, -INF])
-def test_a_warm_start_is_no_reason_to_refuse_a_program_that_is_solved_cold(bound):
-    for seed in range(25):
-        rng = np.random.default_rng(seed)
-        d = int(rng.integers(2, 19))
-        A = rng.normal(size=(d, d - 1))
-        s = solver(A @ A.T, np.zeros(d), np.full(d, bound), np.full(d, INF))
-        x = s.solve(rng.normal(size=d))
-        assert s.solution().found
-        assert x @ A @ A.T @ x <= 1e-20
+def test_a_warm_start_is_no_reason_to_refuse_a_program_that_is_solved_cold(bound, seed):
+    rng = np.random.default_rng(seed)
+    d = int(rng.integers(2, 19))
+    A = rng.normal(size=(d, d - 1))
+    s = solver(A @ A.T, np.zeros(d), np.full(d, bound), np.full(d, INF))
+    x = s.solve(rng.normal(size=d))
+    assert s.solution().found
+    assert x @ A @ A.T @ x <= 1e-20
 
 
 @quick

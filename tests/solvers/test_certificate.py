@@ -3,6 +3,7 @@ replay, exact convexity, and the exact cost of an answer above the optimum."""
 
 import json
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
@@ -178,13 +179,25 @@ def test_a_bound_touched_with_zero_multiplier_is_certified_either_way() -> None:
     assert (proof.x, proof.unique) == ((0.0, 1.0), True)
     for lower, upper in product(((), (0,)), ((), (1,))):
         verify(problem, replace(proof, lower=lower, upper=upper))
-    still = DoubleProblem(Problem(ZERO2, np.zeros(2), lb=np.zeros(2)))
-    assert [i for _, i in still.guess(np.zeros(2))] == [0, 1]  # without gradient and curvature it stays where it is
-    # at the row and the upper bound, where x_1 alone is free and the multiplier of the row is 1
-    held = Problem(
-        I2, np.array([-3.0, -2.0]), np.ones((1, 2)), np.full(1, 2.0), lb=np.array([-9.0, 0.75]), ub=np.array([1.0, INF])
-    )
-    assert DoubleProblem(held).guess(np.ones(2)) == [(Kind.UPPER, 0), (Kind.ROW, 0)]
+
+
+STILL = Problem(ZERO2, np.zeros(2), lb=np.zeros(2))
+HELD = Problem(
+    I2, np.array([-3.0, -2.0]), np.ones((1, 2)), np.full(1, 2.0), lb=np.array([-9.0, 0.75]), ub=np.array([1.0, INF])
+)
+
+
+@pytest.mark.parametrize(
+    ("problem", "start", "active"),
+    [
+        pytest.param(STILL, np.zeros(2), [(Kind.LOWER, 0), (Kind.LOWER, 1)], id="no gradient and no curvature"),
+        pytest.param(HELD, np.ones(2), [(Kind.UPPER, 0), (Kind.ROW, 0)], id="x_1 alone is free, the multiplier is 1"),
+    ],
+)
+def test_the_active_set_of_a_start_at_its_bounds_and_rows_is_guessed(
+    problem: Problem, start: np.ndarray, active: list[tuple[Kind, int]]
+) -> None:
+    assert DoubleProblem(problem).guess(start) == active
 
 
 INFEASIBLE: list[tuple[dict[str, np.ndarray], str]] = [
@@ -351,12 +364,20 @@ def test_a_perturbed_certificate_fails_at_the_line_that_is_wrong(line: str, chan
         verify(corner, replace(proof, **change))
 
 
-def test_the_certificate_fails_for_data_that_differ_in_one_bit() -> None:
-    proof, P, q = certify(corner, np.zeros(2)), corner.P + np.diag([0.0, 2**-50]), np.nextafter(corner.q, 0)
-    for nudged in (Problem(corner.P, q, lb=corner.lb, ub=corner.ub), Problem(P, corner.q, lb=corner.lb, ub=corner.ub)):
-        for used in (verify, partial(exact_cost_gap, x=np.zeros(2))):
-            with pytest.raises(NotCertified, match="other data"):
-                used(nudged, proof)
+@pytest.mark.parametrize("used", [verify, partial(exact_cost_gap, x=np.zeros(2))], ids=["verify", "exact_cost_gap"])
+@pytest.mark.parametrize(
+    ("P", "q"),
+    [
+        pytest.param(corner.P, np.nextafter(corner.q, 0), id="q"),
+        pytest.param(corner.P + np.diag([0.0, 2**-50]), corner.q, id="P"),
+    ],
+)
+def test_the_certificate_fails_for_data_that_differ_in_one_bit(
+    used: Callable[[Problem, Certificate], object], P: np.ndarray, q: np.ndarray
+) -> None:
+    proof = certify(corner, np.zeros(2))
+    with pytest.raises(NotCertified, match="other data"):
+        used(Problem(P, q, lb=corner.lb, ub=corner.ub), proof)
 
 
 def test_a_certificate_survives_the_round_trip_through_json() -> None:

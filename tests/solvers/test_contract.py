@@ -94,9 +94,8 @@ OF_OURS = {
 def keep_the_promises(name: str, lane: str) -> None:
     solver = solvers.get(name, lane, **solvers.get(name, lane).settings)  # as the sentence of a refused copy says
     refuse_copies(solver)
-    with pytest.raises(ValueError, match=r"setup") as refused:
+    with pytest.raises(ValueError, match=r"\A.*setup.*\Z"):
         solver.solution()
-    assert "\n" not in str(refused.value)
     solver.setup(PROBLEM)
     refuse_copies(solver)
     for change in ({}, {"q": PROBLEM.q}, {"P": PROBLEM.P, "q": PROBLEM.q}):
@@ -283,9 +282,8 @@ def refuse_copies(solver: solvers.Solver) -> None:
         remedy = (
             f"cannot be copied or pickled; set up another one, by solvers.get({solver.name!r}, **settings) and setup("
         )
-        with pytest.raises(TypeError, match=re.escape(remedy)) as refused:
+        with pytest.raises(TypeError, match=rf"\A.*{re.escape(remedy)}.*\Z"):
             way(solver)
-        assert "\n" not in str(refused.value)
 
 
 def test_the_default_race_is_of_these_21_solvers_in_46_lanes() -> None:

@@ -119,8 +119,9 @@ def test_the_algorithms_call_nothing_of_the_libraries_but_a_few_functions(files,
         [program("gcc"), "-O2", "-fno-math-errno", "-c", *INCLUDES, *map(str, files)], cwd=tmp_path, check=True
     )
     symbols = subprocess.check_output([program("nm"), *(f.name for f in tmp_path.glob("*.o"))], cwd=tmp_path, text=True)
-    wanted = set(re.findall(r" U (\w+)", symbols)) - set(re.findall(r" T (\w+)", symbols)) - {"_GLOBAL_OFFSET_TABLE_"}
-    assert wanted <= called
+    assert {*re.findall(r" U (\w+)", symbols)} - {*re.findall(r" T (\w+)", symbols)} <= called | {
+        "_GLOBAL_OFFSET_TABLE_"
+    }
     assert not re.findall(r" [BDbdCc] (\w+)", symbols)  # no variable that outlives a call
 
 
