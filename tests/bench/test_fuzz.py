@@ -140,10 +140,9 @@ def controller(given: tuple[Case, str, str, str, str | None]) -> None:
 def text_on_every_target(text: str) -> None:
     """Nothing in a text becomes markup, a command or a line of its own."""
     assert all(sign.isprintable() or sign in "\n\t" for sign in terminal(text))
-    assert not set("<>`*|[]\n\x1b") & set(markdown(text))
-    assert not set('<>"') & set(xml(text))
     comment, literal = c_comment(text), c_string(text)
-    assert not set("*\\\n") & set(comment)
+    for signs, written in (("<>`*|[]\n\x1b", markdown(text)), ('<>"', xml(text)), ("*\\\n", comment)):
+        assert not set(signs) & set(written)
     assert (comment + literal).isascii()
     assert not re.search(r"\n|\?\?", literal)
 

@@ -139,8 +139,10 @@ def test_interleaved_solves_are_in_the_order_of_the_seed_and_a_solver_that_fails
     tmp_path: Path,
 ) -> None:
     note = "open({!r}, 'a').write(self.name + '\\n')".format(str(tmp_path / "order"))
-    files = [faulty_solvers.written(tmp_path, name, "update(self, P)", note) for name in ("one", "two")]
-    files.append(faulty_solvers.written(tmp_path, "tires", "solve(self)", "self.calls > 5 and os._exit(4)"))
+    files = [
+        *(faulty_solvers.written(tmp_path, name, "update(self, P)", note) for name in ("one", "two")),
+        faulty_solvers.written(tmp_path, "tires", "solve(self)", "self.calls > 5 and os._exit(4)"),
+    ]
     # their faults depend on a unit diagonal
     unit = form_of(Problem(np.eye(2), np.array([-1.0, 1.0]), lb=np.zeros(2)), cost_unit=1.0)
     orders = []
@@ -278,16 +280,24 @@ def forged(*arguments):
 
 @pytest.fixture(scope="module")
 def race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
-    folder, files = tmp_path_factory.mktemp("schedule"), list[object]()
+    folder = tmp_path_factory.mktemp("schedule")
     changes: dict[str, dict[str, object]] = {
         "slow": {"sleep": 4e-4},
         "outside": {"wrong": "- 1.0"},
         "forges": {"at_setup": "worker.TimedSolver.scheduled = forged", "forge": FORGE},
     }
-    for name, change in changes.items():
-        text = FILE.format(**{"name": name, "at_setup": "", "sleep": 0.0, "wrong": "", "forge": ""} | change)
-        files += ["--solver", text_file(folder, text, name=f"{name}.py")]
-    return raced(piezobench, folder, "run", *files, "--schedule", SAMPLES, "--scaling", "scaled")
+    usual = {"at_setup": "", "sleep": 0.0, "wrong": "", "forge": ""}
+    files = (
+        text_file(folder, FILE.format(**usual | {"name": name} | change), name=f"{name}.py")
+        for name, change in changes.items()
+    )
+    return raced(
+        piezobench,
+        folder,
+        "run",
+        *(word for file in files for word in ("--solver", file)),
+        *("--schedule", SAMPLES, "--scaling", "scaled"),
+    )
 
 
 def test_a_solver_gets_the_data_of_each_sample_and_a_slow_one_the_newest(race: Race) -> None:

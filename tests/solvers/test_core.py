@@ -139,12 +139,10 @@ def test_a_library_beside_other_sources_or_none_is_refused_in_one_sentence(tmp_p
     package, (least, *_) = tmp_path / "solvers", compile_core.instruction_sets()
     monkeypatch.setattr(compile_core, "instruction_sets", lambda: (least,))
     monkeypatch.setenv("PIEZOBENCH_ISA", least)
-    for folder in FOLDERS:
-        (package / folder.name).mkdir(parents=True)
-        for file in folder.glob("*.[ch]"):
-            (package / folder.name / file.name).write_bytes(file.read_bytes())
-    for file in (FOLDER / "compile_core.py", compile_core.library(FOLDER.parent, least)):
-        (package / "core" / file.name).write_bytes(file.read_bytes())
+    sources = [file for folder in FOLDERS for file in folder.glob("*.[ch]")]
+    for file in (*sources, FOLDER / "compile_core.py", compile_core.library(FOLDER.parent, least)):
+        (package / file.parent.name).mkdir(parents=True, exist_ok=True)
+        (package / file.parent.name / file.name).write_bytes(file.read_bytes())
     assert core.load(package).descent_bytes(3) == bindings.descent_bytes(3)
     (package / "core" / "descent.c").write_text("/* changed */", encoding="utf-8")
     with pytest.raises(ImportError, match=r"^the C sources in solvers/core have changed since their library was built"):
