@@ -202,9 +202,12 @@ NOT_TAKEN = [
 @pytest.mark.parametrize(
     ("lane", "name", "problem", "said"),
     [
-        *(pytest.param(*case, pair(form, 12).problems[0], case[1], id=form) for *case, form in NOT_TAKEN),
-        pytest.param(Lane.CVXPY, "clarabel", INDEFINITE, "-2", id="indefinite"),
-        pytest.param(Lane.DIRECT, "osqp", INDEFINITE, "error 4", id="indefinite"),
+        *(
+            pytest.param(lane, name, pair(form, 12).problems[0], name, id=f"{lane}-{name}-{form}")
+            for lane, name, form in NOT_TAKEN
+        ),
+        pytest.param(Lane.CVXPY, "clarabel", INDEFINITE, "-2", id="cvxpy-clarabel-indefinite"),
+        pytest.param(Lane.DIRECT, "osqp", INDEFINITE, "error 4", id="direct-osqp-indefinite"),
     ],
 )
 def test_a_form_that_a_solver_cannot_take_is_refused_by_its_name_and_an_indefinite_cost_with_what_shows_it(
