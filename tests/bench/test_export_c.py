@@ -437,7 +437,7 @@ LEARNS, COMPENSATES, REFUSED = "piezo_learner.c", "piezo.c", ""
     [
         ("deployed.json", (), LEARNS, "the self-learning loop (continuous, box_active_set) with d"),
         ("exact.json", (), LEARNS, "the self-learning loop (cyclic, box_active_set) with d"),
-        ("daqp.json", ("--part", "compensator"), COMPENSATES, "the compensator with "),
+        ("daqp.json", ("--part", "compensator"), COMPENSATES, "the compensator, without learning with d"),
         ("daqp.json", ("--mode", "continuous"), LEARNS, "the self-learning loop (continuous, box_active_set) with d"),
         ("daqp.json", ("--solver", "projected_difference"), LEARNS, "(cyclic, projected_difference) with d"),
         (
