@@ -39,7 +39,7 @@ from piezo_model import Recording, checks, recordings
 from piezo_model.identification.dynamics import DynamicsChoice, LagChoice
 from piezo_model.identification.identify import Estimator
 from piezo_model.model import ModelError
-from piezo_model.units import quantity
+from piezo_model.units import percent, quantity
 
 MOST = 200
 """Largest order: more operators take minutes, and describe no stage better."""
@@ -324,7 +324,8 @@ def compensate_verb(
         result["forced"],
         f"{result['samples']} samples of drive from {lowest} to {highest}; "
         + (
-            f"{100 * result['share_at_limits']:.1f} % of them at the limits, where the reference cannot be followed."
+            f"{percent(100.0 * result['share_at_limits'])} of them at the limits, where the reference cannot be "
+            "followed."
             if result["share_at_limits"]
             else "the limits are never reached."
         ),

@@ -19,7 +19,7 @@ from piezo_model.identification.forward import ForwardFit
 from piezo_model.identification.start import HEAD, first_motion
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
-from piezo_model.units import SMALLEST_PERCENT, percent, quantity
+from piezo_model.units import LENGTHS, SMALLEST_PERCENT, VOLTAGES, percent, quantity
 from solvers.arrays import Vector
 
 NO_BETTER, IGNORED, UNDERSAMPLED, LOOPS = 0.6, 0.92, 0.5, 0.99
@@ -154,7 +154,11 @@ def check_adequacy(recording: Recording, fitted: ForwardFit, skip: int, fit: Fit
     refusal, reason = outlier(recording, counted, s.output_unit), next(reasons, None)
     if refusal is None and reason is not None:
         own_error = f"{percent(100.0 * error)} with this model" if error < line else "and this model is no better"
-        refusal = f"{reason}: RMS residual {percent(100.0 * line)} of range with a straight line, {own_error}"
+        refusal = f"{reason}: RMS residual {percent(100.0 * line)} of range with a straight line, {own_error}" + (
+            "; the input is a length and the output a voltage, as if they were swapped"
+            if s.input_unit in LENGTHS and s.output_unit in VOLTAGES
+            else ""
+        )
     if not (faults or refusal) and (left := unexplained(signals)):
         faults = [left]
     return Adequacy(refusal, is_monotonic(u), faults)

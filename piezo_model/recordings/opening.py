@@ -151,8 +151,8 @@ def read_signals(
     sample_time = _sampled(rows, period * step, options)
     if time is not None and options.sample_time and abs(sample_time - period * step) > CLOCK_TOLERANCE * sample_time:
         raise rows.refusal(
-            f"has one sample every {sample_time:.6g} s, and --sample-time says {period * step:.6g} s; omit "
-            "--sample-time, or give --time none if that column is not a clock"
+            f"has one sample every {sample_time:.6g} s, and --sample-time or --sample-rate says "
+            f"{period * step:.6g} s; omit it, or give --time none if that column is not a clock"
         )
     is_number = time is not None and table.columns[time].kind == "number"
     guessed = is_number and not (time is None or table.columns[time].unit or options.time_unit)

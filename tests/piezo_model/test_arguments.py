@@ -358,6 +358,19 @@ OF: dict[str, tuple[Callable[..., object], tuple[tuple[dict[str, Any], str], ...
             ({"x": Recording.from_arrays(X, X, T)}, "sampling period is 0.001 s, but that of the structure is 0.005 s"),
         ),
     ),
+    "identification of a length that drives a voltage": (
+        partial(identify, n=2, m=1),
+        (
+            (
+                {
+                    "x": Recording.of(
+                        {"time_s": K[:400] * 5e-3, "stroke_um": X, "reply_V": 1e4 * X % 7}, input="stroke_um"
+                    )
+                },
+                "a length and the output a voltage, as if they were swapped$",
+            ),
+        ),
+    ),
     "identification of creep and dynamics": (
         partial(identify, Recording.from_arrays(X, X, 5e-3), n=2, m=1),
         (

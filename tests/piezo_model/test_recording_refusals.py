@@ -188,7 +188,7 @@ REFUSED: list[tuple[list[str], dict[str, Any], str]] = [
     (
         timed(EVEN),
         {"time": "1", "sample_time": 0.01},
-        "has one sample every 0.005 s, and --sample-time says 0.01 s; omit --sample-time, or give --time none",
+        "has one sample every 0.005 s, and --sample-time or --sample-rate says 0.01 s; omit it, or give --time none",
     ),
     # times
     (
