@@ -49,9 +49,8 @@ RANK, INFORMATION, DRIVEN = 1e-12, 0.03, 0.09
 """Smallest eigenvalue of the columns' Gram matrix, relative to the largest, above rounding; smallest fraction of a
 creep state in the residual of the regression, and in that of the regression with a drift and all decays of an earlier
 state."""
-SHIFTS, SPECTRUM_CHI_SQUARE = (0.0, 0.25, 0.5, 0.75), 10.0
-"""Fractions of a decade by which the grids of rates are shifted; smallest gain of other rates than all of the first
-grid, in variances of the noise."""
+SHIFTS = 0.0, 0.25, 0.5, 0.75
+"""Fractions of a decade by which the grids of rates are shifted."""
 LARGEST, NEGLIGIBLE = 0.1, 0.005
 """Largest creep of a model, and largest upper limit of a recording that shows none, as fractions of the movement in a
 decade of time."""
@@ -60,7 +59,7 @@ SHARE, CHI_SQUARE, MARGIN = 0.5, 25.0, 2.0
 the weight of a model may differ from its estimate."""
 DRIFT_INFORMATION, DRIFT_SHARE, SETTLING_SHARE, DRIFT_CHI_SQUARE = 0.3, 0.5, 0.6, 16.0
 """The same for a drift or a settling; creep of other rates than the model's looks like a settling, which has to explain
-more."""
+more. The last is also the smallest gain of other rates than all of the first grid, in variances of the noise."""
 SHORTEST_HOLD, STEADY, HELD_SHARE = 100, 1e-3, 0.1
 """Fewest samples of a hold; largest range of the drive during a hold, relative to its whole range; smallest fraction of
 the samples in holds for a test of the holds alone."""
@@ -293,7 +292,7 @@ def _spectrum(
     kappa = np.clip(products / squares, 0.0, LARGEST)
     left = float(error @ error) - kappa * (2.0 * products - kappa * squares)
     best, count = int(np.argmin(left)), independent(error - kappa[0] * columns[:, 0])
-    return spectra[best if left[best] < (1.0 - SPECTRUM_CHI_SQUARE / count) * left[0] else 0]
+    return spectra[best if left[best] < (1.0 - DRIFT_CHI_SQUARE / count) * left[0] else 0]
 
 
 def _fit(

@@ -54,8 +54,8 @@ GROUPS, UNEVEN, CLEAR, LEAST_JITTER, MEDIAN = 12, 0.7, 5.0, 0.03, 0.455
 """Of clock jitter: groups of samples of one speed; largest error of their logarithmic variances; smallest ratio of what
 speed explains of these to what it leaves; smallest jitter in samples; the median of the square of a normal variable."""
 SPIKE, FAR, NOTABLE, MANY = 0.1, 4.0, 0.01, 10.0
-"""Smallest spike as a share of the range, since modes beyond half of the sampling rate overshoot by less, and as a
-multiple of the 99 % quantile: a million normal errors reach three; smallest error that has to have a cause, as a share
+"""Smallest spike as a share of the range, and as a multiple of the 99 % quantile, since a million normal errors reach
+three; smallest error that has to have a cause, as a share
 of the range and as a multiple of the noise."""
 
 
@@ -135,8 +135,11 @@ def held_output(s: Signals) -> str | None:
 
 
 def spikes(s: Signals) -> str | None:
-    """Samples of the output far from both neighbours, and from the model, on one side."""
+    """Samples of the output far from both neighbours, and from the model, on one side, by more than the drive has just
+    moved: a mode overshoots by up to a step."""
+    moved = np.abs(np.diff(s.u, prepend=s.u[:1]))
     apart = np.minimum(*(np.abs(signal - median_filter(signal, 3)) for signal in (s.v, s.v - s.model)))
+    apart = apart - np.maximum(moved, np.roll(moved, 1))
     found = apart[apart > max(SPIKE, FAR * float(np.quantile(apart, 0.99)))]
     return (
         f"The output has spikes in {found.size} sample{'s' * (found.size > 1)}, of up to "
@@ -320,6 +323,12 @@ def _edges(s: Signals) -> Iterator[tuple[float, int]]:
     for begin, end in pairwise((*begins.tolist(), s.u.size)):
         u, v = s.u[begin - 1 : end], s.v[begin - 1 : end]
         size = abs(float(v[-3:].mean() - v[0]))
-        drive, rise = (np.count_nonzero(np.abs((w - w[0]) / (w[-1] - w[0] or 1.0) - 0.5) < 0.3) for w in (u, v))
+        drive, rise = _samples_of(u), _samples_of(v)
         if size > BEYOND and not moves[end - NEAR // 2 : end].any() and rise > LATER * drive:
-            yield size, int(rise)
+            yield size, rise
+
+
+def _samples_of(edge: Vector) -> int:
+    """Number of samples from 20 % to 80 % of an edge (N,), without those that ring around its end."""
+    share = (edge - edge[0]) / (edge[-1] - edge[0] or 1.0)
+    return int(np.count_nonzero(np.abs(share[: np.argmax(share > 0.8)] - 0.5) < 0.3))
