@@ -339,7 +339,7 @@ def test_an_answer_takes_no_less_than_half_of_the_processor_time_in_every_percen
 
 def test_a_tier_that_is_not_reached_has_no_row_and_warm_starts_have_their_own() -> None:
     table = summary(measured([*ladder({"p1": [1e-8]}), *ladder({"p1": [1e-12]}, start="warm", solve_us_p50=0.5)]))
-    assert (set(table.tier), set(raced(table, "warm").start)) == ({"low", "mid"}, {"warm"})
+    assert set(table.tier) == {"low", "mid"}
     assert table.groupby("start").solve_us_p50.first().to_dict() == {"cold": 1.0, "warm": 0.5}
 
 
