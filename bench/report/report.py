@@ -1,7 +1,7 @@
 """Reports as data: sentences, tables, and figures with their plots, of a run, a comparison or a recording.
 
 There are three renderings: the terminal (`bench.report.console`), Markdown and an HTML page (`bench.report.writing`);
-`bench.report.vega` draws the plots. The rows of a mark are selected by values of columns and not by an
+`bench.report.vega` draws the plots. The rows of a plot or a mark are selected by values of columns and not by an
 expression, because the texts of a run folder are not trusted. By convention the table of a figure has the columns
 ``name``, the label of a line, ``view``, if the reader can choose between several views, and ``front``, whether a line
 is among the best, which are drawn in colour and named.
@@ -40,6 +40,8 @@ class Axis:
     log: bool = False
     format: str = ""
     """Format of the labels by d3; by default as the values need."""
+    values: Sequence[float] = ()
+    """Positions of the labels."""
     domain: Sequence[float] = ()
 
 
@@ -79,6 +81,8 @@ class Plot:
     rules: Mapping[str, float] = field(default_factory=dict)
     """Dashed lines at values of ``x`` or ``y``."""
     height: int = HEIGHT
+    where: Where = field(default_factory=dict)
+    """The rows of the table to draw."""
 
 
 def best_lines(along: str) -> tuple[Mark, ...]:

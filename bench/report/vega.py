@@ -82,11 +82,12 @@ def library() -> str:
 
 def specification(table: pd.DataFrame, plot: Plot) -> dict[str, Any]:
     """Specification of a plot that fills the width of the page."""
-    views = list(dict.fromkeys(map(str, table["view"]))) if "view" in table else []
+    shown = table[table[[*plot.where]].isin(dict(plot.where)).all(axis=1)] if plot.where else table
+    views = list(dict.fromkeys(map(str, shown["view"]))) if "view" in shown else []
     select = {"input": "select", "options": views, "name": "Show "}
     search = {"input": "search", "name": "Find a line ", "placeholder": "name"}
     params = [
-        *([{"name": "view", "value": first_view(table), "bind": select}] if len(views) > 1 else []),
+        *([{"name": "view", "value": first_view(shown), "bind": select}] if len(views) > 1 else []),
         *([{"name": "sought", "value": "", "bind": search}] if any(mark.sought for mark in plot.marks) else []),
     ]
     # Vega merges the legends of colour, dash and shape only within one mark; names in the plot replace them
@@ -96,13 +97,13 @@ def specification(table: pd.DataFrame, plot: Plot) -> dict[str, Any]:
         for axis, value in plot.rules.items()
     ]
     return {
-        "data": {"values": plain_json(table.to_dict("records"))},
+        "data": {"values": plain_json(shown.to_dict("records"))},
         "params": params,
         "width": "container",
         "height": plot.height,
         "config": CONFIG,
         "transform": [{"filter": "datum.view == view"}] if len(views) > 1 else [],
-        "layer": [*rules, *(_layer(table, plot, mark, mark is first) for mark in plot.marks)],
+        "layer": [*rules, *(_layer(shown, plot, mark, mark is first) for mark in plot.marks)],
         "resolve": {"scale": dict.fromkeys(CHANNELS, "independent")},
     }
 
@@ -175,6 +176,7 @@ def _position(table: pd.DataFrame, axis: Axis, column: str = "") -> dict[str, An
         return {"field": field, "type": "nominal", "sort": None, "title": axis.title or None}
     drawn: dict[str, Any] = {
         "labelOverlap": True,
+        **({"values": [*axis.values]} if axis.values else {}),
         **({"format": axis.format or "~g"} if axis.format or axis.log else {}),
     }
     scale: dict[str, Any] = {
