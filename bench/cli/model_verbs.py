@@ -308,7 +308,7 @@ def compensate_verb(
     check_writable(out, others=[file, model])
     result = job.do(file, [Path(model)], out)
     follows = f"within {100.0 * jobs.FOLLOWED:g} % of the output's range"
-    misses = quantity(result["largest_error"], result["output_unit"], 3)
+    misses = f"{quantity(result['largest_error'], result['output_unit'], 3)} at {result['largest_error_s']:.4g} s"
     lowest, highest = (quantity(result[end], result["unit"]) for end in ("lowest", "highest"))
     lines = [
         result["reading"],

@@ -169,6 +169,7 @@ class Compensating(WithModel):
             "share_at_limits": float(np.mean((x <= limits[0]) | (x >= limits[1]))),
             "share_followed": float(np.mean(error <= FOLLOWED * span)),
             "largest_error": float(error.max()),
+            "largest_error_s": float(times[np.argmax(error)]),
             "output_unit": s.output_unit,
             "rms_percent": 100.0 * float(np.sqrt(np.mean(error**2))) / span,
             "max_percent": 100.0 * float(error.max()) / span,

@@ -163,7 +163,7 @@ def three_done(folder: Path) -> bool:
 
 
 AGAIN = "finished recordings are kept; run the same command to continue"
-LOST = f"piezobench identify: a worker was killed, perhaps for lack of memory; {AGAIN}"
+LOST = f"piezobench identify: {{}}: a worker was killed, perhaps for lack of memory; {AGAIN}"
 
 
 @TWO_CORES
@@ -191,7 +191,7 @@ def test_a_fleet_that_was_ended_is_resumed_without_loss_or_repetition(
     words = ("identify", *recordings, "--out-dir", tmp_path, *ORDERS)
     ended = end(piezobench.start(*words, "--workers", 2), lambda: three_done(tmp_path))
     first_line = "".join(ended.stderr.splitlines()[:1])
-    assert (ended.status, first_line, (tmp_path / "fleet.csv").exists()) == (status, said, False)
+    assert (ended.status, first_line, (tmp_path / "fleet.csv").exists()) == (status, said.format(tmp_path), False)
     kept = {path: path.stat().st_ino for path in tmp_path.glob("rows/[!.]*.json")}
     assert 3 <= len(kept) <= COUNT
     for path in tmp_path.rglob(".*"):  # temporary files of the killed process

@@ -187,7 +187,7 @@ def test_figures_are_those_of_the_stage_whatever_the_rates_of_its_creep_and_the_
         np.array([*model.figures().values()], dtype=float),
         [value for value, *_ in truth.figures().values()],
     )
-    assert figures[:3, 0] == pytest.approx(true[:3], rel=0.05)
+    assert figures[:3, 0] == pytest.approx(true[:3], rel=0.1)
     assert figures[0, 0] == pytest.approx(true[0], rel=3e-3)
     assert np.all((figures[:3, 1] <= true[:3]) & (true[:3] <= figures[:3, 2])), figures
     assert model.figures()["offset"][1:] == (None, None)
