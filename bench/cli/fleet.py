@@ -59,8 +59,11 @@ def process(
     out = fleet.local(out_dir)
     items = fleet.items_of(job, recordings, out)
     out.mkdir(parents=True, exist_ok=True)
-    kept = resumable(out_dir, "finished recordings are kept; run the same command to continue", RecordingError)
-    with kept, progress_bar() as progress, started(workers) as map_unordered:
+    with (
+        resumable(out_dir, "finished recordings are kept; run the same command to continue", RecordingError),
+        progress_bar() as progress,
+        started(workers) as map_unordered,
+    ):
         options = [f"--{name.replace('_', '-')}" for name in vars(job) | getattr(job, "options", {})]
         rows = [
             {**row, "refused": as_typed(row["refused"], options)}

@@ -109,8 +109,10 @@ def live_verb(
         make, name, declared, first, model is not None, learn, integral_gain, samples, words, rate, seconds
     )
     settings.compensator()  # or a sentence why there is none
-    lag = quantity(first.lag_s, "s", 3)
-    inverted = f"The output lags the reference by {lag}, since the dynamics of the stage are inverted."
+    inverted = (
+        f"The output lags the reference by {quantity(first.lag_s, 's', 3)}, since the dynamics of the stage are "
+        "inverted."
+    )
     print_result(None, False, inverted if first.lag_s else "", first.warning, settings.out_of_reach())
     sentences, status = run(settings, record, (host, port) if page else None)
     print_result(None, False, *sentences)

@@ -219,14 +219,16 @@ def report_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")],
     absent, in_sets = settings.get("absent", {}), settings.get("there_are", {})
     raced = {name: len(problems) for name, problems in settings.get("problems", {}).items()}
     count, total = sum(raced.values()), sum((raced | in_sets).values())
-    cut = in_sets and not settings["settings"].get("problems")
-    notes = [
-        f"Absent, so not raced: {solver_lanes(len(absent))} (run.json says why)." if absent else "",
-        *settings.get("conditions", {}).get("warnings", []),
-        *machine.elsewhere(f"The run {opened.path.name}", opened.machine_names),
-        f"{count} of {total} problems were raced; --limit 0 races all." if cut else "",
-    ]
-    below = lines_of(notes)
+    below = lines_of(
+        [
+            f"Absent, so not raced: {solver_lanes(len(absent))} (run.json says why)." if absent else "",
+            *settings.get("conditions", {}).get("warnings", []),
+            *machine.elsewhere(f"The run {opened.path.name}", opened.machine_names),
+            f"{count} of {total} problems were raced; --limit 0 races all."
+            if in_sets and not settings["settings"].get("problems")
+            else "",
+        ]
+    )
     if excluded:
         below += ["", f"Not raced, {len(excluded)} of {len(excluded) + count} problems:", *map(": ".join, excluded)]
     print_report(

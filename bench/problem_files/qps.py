@@ -52,7 +52,10 @@ def read_qps(path: Path) -> ReadProgram:
     with reading, gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb") as file:
         content = file.read(MOST_BYTES + 1)
     check(len(content) <= MOST_BYTES, f"holds more than {MOST_BYTES} bytes of text")
-    lines = content.decode("utf-8", "replace").splitlines()  # of Latin-1 a sign for each byte: columns stay in place
+    try:
+        lines = content.decode("utf-8").splitlines()
+    except UnicodeDecodeError:
+        lines = content.decode("latin-1").splitlines()  # a character for each byte, so that columns stay in place
     try:
         return _Reader(fixed=False).read(lines)
     except ValueError:

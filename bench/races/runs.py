@@ -55,7 +55,9 @@ def write(run: Run) -> tuple[Report, Path]:
     result = report(run, settings_of(run))
     machines, conditions = [*run.machines.values()], run.settings.get("conditions", {})
     hosts = {part["host"] for part in conditions.get("parts", ())} or {*run.machine_names}
-    where = joined(sorted({f"{host['processor']}, {host['core']}" for host in machines}))
+    scope = [result.scope, joined(sorted({f"{host['processor']}, {host['core']}" for host in machines}))]
+    if "sentinel_drift" in conditions:
+        scope.append(f"the machine's speed drifted by {100.0 * conditions['sentinel_drift']:.0f} %")
     limits = [
         f"{'One machine' if len(hosts) == 1 else f'{len(hosts)} hosts'}, one run: compare ratios, not microseconds.",
         *dict.fromkeys(warning for host in machines for warning in host["warnings"]),
@@ -64,8 +66,7 @@ def write(run: Run) -> tuple[Report, Path]:
     result = replace(
         result,
         title=f"Race {run.path.name}",
-        scope=f"{result.scope}; {where}; the machine's speed drifted by "
-        f"{100.0 * conditions.get('sentinel_drift', 0.0):.0f} %.",
+        scope="; ".join(filter(None, scope)) + ".",
         notes=[*filter(None, [result.failed]), *result.notes],
         limits=limits,
         environment=environment(run),
@@ -76,8 +77,6 @@ def write(run: Run) -> tuple[Report, Path]:
 def environment(run: Run) -> list[tuple[str, str]]:
     """Names and texts about machine, versions and settings."""
     settings = run.settings
-    lanes = ", ".join(f"{name} {version}" for name, version in settings.get("lanes", {}).items())
-    absent = ", ".join(settings.get("absent", {}))
     chosen = {
         name: joined(value) if isinstance(value, list) else value
         for name, value in settings["settings"].items()
@@ -92,8 +91,8 @@ def environment(run: Run) -> list[tuple[str, str]]:
         ]
     entries += [
         ("settings", settings_label(chosen)),
-        ("solvers", lanes),
-        ("absent", absent),
+        ("solvers", ", ".join(map(" ".join, settings.get("lanes", {}).items()))),
+        ("absent", ", ".join(settings.get("absent", {}))),
         ("not raced", "; ".join(f"{name}: {reason}" for name, reason in left_out(run))),
     ]
     return [(name, text) for name, text in entries if text]

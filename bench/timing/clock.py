@@ -56,11 +56,13 @@ def answers_us(update_ns: Nanoseconds, solve_ns: Nanoseconds, cpu_us: float = np
 @contextmanager
 def no_garbage_collection() -> Iterator[None]:
     """Switch the garbage collector off inside a timed block."""
+    was_on = gc.isenabled()
     gc.disable()
     try:
         yield
     finally:
-        gc.enable()
+        if was_on:
+            gc.enable()
 
 
 def time_call(call: Callable[[], object], clock: Callable[[], int] = perf_counter_ns) -> int:

@@ -209,7 +209,7 @@ def _creep(
         trend = Estimate(scale * trend.value, scale * trend.se) if of_longest else None
     creep = max(estimates, key=lambda estimate: estimate.limits[1], default=None)
     rates = [evidence.rates]
-    while rates[-1] and 100.0 * rates[-1][0] * whole.sample_time <= 1.0:
+    while rates[-1] and 100.0 * rates[-1][0] * whole.sample_time <= 1.0 + 1e-9:  # whatever the last bit of the period
         rates.append((float(f"{10.0 * rates[-1][0]:.6g}"), *rates[-1]))
     return replace(evidence, creep=creep, trend=trend, settling=()), rates
 

@@ -134,10 +134,12 @@ def test_names_may_contain_blanks_in_fixed_columns(tmp_path: Path, encoding: str
         "ROWS",
         " N  THE COST",
         " L  ROW µµ",
+        " L  ROW µ±",
         "COLUMNS",
         "    COL 1     THE COST  -1.0           ROW µµ    2.0",
+        "    COL 1     ROW µ±    5.0",
         "RHS",
-        "    RHS       ROW µµ    3.0",
+        "    RHS       ROW µµ    3.0            ROW µ±    6.0",
         "QUADOBJ",
         "    COL 1     COL 1     4.0",
         "ENDATA",
@@ -145,7 +147,12 @@ def test_names_may_contain_blanks_in_fixed_columns(tmp_path: Path, encoding: str
     path = tmp_path / "named.qps"
     path.write_text("\n".join(lines), encoding)
     found = read(path).qp
-    assert [dense(array).item() for array in (found.q, found.G, found.h, found.P)] == [-1.0, 2.0, 3.0, 4.0]
+    assert [dense(array).ravel().tolist() for array in (found.q, found.G, found.h, found.P)] == [
+        [-1.0],
+        [2.0, 5.0],
+        [3.0, 6.0],
+        [4.0],
+    ]
 
 
 @pytest.mark.parametrize(
