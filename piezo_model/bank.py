@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from piezo_model import checks
-from piezo_model.compensator import blend_factor, drive_memory, drive_settings
+from piezo_model.compensator import BUMP, blend_factor, drive_memory, drive_settings
 from piezo_model.core import State, Stateful, bindings, exclusively
 from piezo_model.dynamics import Dynamics, KnownDynamics
 from piezo_model.json_file import LARGEST, convert
@@ -174,6 +174,11 @@ class CompensatorBank(Stateful):
         shape, strides = (self._tiles, numbers // LANES, LANES), (8 * stride, 8 * LANES, 8)
         return np.ndarray(shape, np.float64, self._core.block, first, strides)
 
+    def _write(self, slots: Index, **parts: ArrayLike) -> None:
+        """Write numbers (·,) or (count, ·) of each part to lanes."""
+        for name, values in parts.items():
+            self._view(name)[lanes(slots)] = values
+
     def _place(self, slots: Index) -> None:
         """Set the lane of each actuator, numbered over all tiles."""
         self._slots = slots
@@ -212,14 +217,13 @@ class CompensatorBank(Stateful):
         new = np.setdiff1d(np.arange(self._tiles * LANES), self._slots)[:count]
         self._place(np.concatenate([self._slots, new]))
         self._known = np.append(self._known, [None] * count)
-        starts: dict[str, ArrayLike] = {
-            "drive_memory": drive_memory(s, low, high).T,
-            "play": settled,
-            "creep": np.tile(settled, len(s.creep_rates)),
-            "memory": 0.0,
-        }
-        for name, values in starts.items():
-            self._view(name)[lanes(new)] = values
+        self._write(
+            new,
+            drive_memory=drive_memory(s, low, high).T,
+            play=settled,
+            creep=np.tile(settled, len(s.creep_rates)),
+            memory=0.0,
+        )
         self._view("memory")[lanes(new, 0)] = learn
         self.set_model(np.arange(total - count, total), self._line)
 
@@ -238,17 +242,17 @@ class CompensatorBank(Stateful):
         checks.check(model.structure == self.structure, "the model has another structure than the bank")
         which, prefilter = self._numbered(actuator), self._prefilter(model)
         self._known[which], slots = model.known_dynamics, self._slots[which]
-        numbers: dict[str, ArrayLike] = {
-            "prefilter": prefilter.with_states(self._view("prefilter")[lanes(slots)]),  # keeps the places in rings
-            "noise_gains": prefilter.noise_gains,
-            "w_H": model.w_H,
-            "w_S": model.w_S_inverse,
-            "w_K": model.w_K,
-            "offset": model.offset,
-            "in_use": self.structure.slopes_of(model.weights),
-        }
-        for name, values in numbers.items():
-            self._view(name)[lanes(slots)] = values
+        self._write(
+            slots,
+            prefilter=prefilter.with_states(self._view("prefilter")[lanes(slots)]),  # keeps the places in rings
+            noise_gains=prefilter.noise_gains,
+            w_H=model.w_H,
+            w_S=model.w_S_inverse,
+            w_K=model.w_K,
+            offset=model.offset,
+            in_use=self.structure.slopes_of(model.weights),
+        )
+        self._view("drive_memory")[lanes(slots, BUMP)] = 0.0  # of a hand-over before
         begin = np.isin(np.arange(self._tiles * LANES), slots).astype(np.float64).reshape(-1, LANES)
         for tile in np.unique(slots // LANES).tolist():
             bindings.bank_begin(self._core.block, tile, begin[tile])

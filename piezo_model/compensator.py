@@ -156,11 +156,11 @@ class Compensator(Stateful):
         write_operators(core, s, s.dead_zone_thresholds)
         core["settings"][:] = drive_settings(s, self._rate_limit, decay, self._integral_gain)
         core["play"][:], core["creep"][:] = state.play, state.creep
-        core["memory"][:] = drive_memory(s, *self._x_limits)
-        core["memory"][BUMP:] = drive
         bindings.compensator_set_weights(core.block, model.all_weights)
         core["prefilter"][: prefilter.constants.size] = prefilter.constants
         bindings.compensator_balance(core.block)
+        core["memory"][:] = drive_memory(s, *self._x_limits)
+        core["memory"][BUMP:] = drive
         if filtered is not None:
             values = core["prefilter"]
             checks.check(
@@ -177,13 +177,15 @@ class Compensator(Stateful):
 
     @property
     def state(self) -> OperatorState:
-        """States of the operators before the next sample, a copy; assign to change them."""
+        """States of the operators before the next sample, a copy; assign to begin from others, with dynamics in
+        balance."""
         return OperatorState(self._core["play"].copy(), self._core["creep"].copy())
 
     @state.setter
     def state(self, state: OperatorState) -> None:
         OperatorState.check_fits(state, self._model.structure)
         self._core["play"][:], self._core["creep"][:] = state.play, state.creep
+        bindings.compensator_balance(self._core.block)
 
     @property
     def drive(self) -> Vector:

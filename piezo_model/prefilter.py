@@ -62,7 +62,6 @@ class Prefilter:
     def rescaled(self, values: Vector, old: ModelStructure, new: ModelStructure) -> Vector:
         """Constants and states for other ranges, in whose normalised units the drives differ."""
         values = values.copy()
-        if self.ring:
-            drives = values[self.constants.size + STATES + self.ring :][: self.ring + 1]
-            drives[:] = new.unit_input(old.x_centre + old.x_scale * drives)
+        drives = values[self.constants.size + STATES + self.ring :][: self.ring + 1]
+        drives[:] = new.unit_input(old.x_centre + old.x_scale * drives)
         return values

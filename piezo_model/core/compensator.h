@@ -129,7 +129,8 @@ CORE_API num N(compensator_step)(const Compensator *c, num y_ref, const Change *
  * z^-1|, at most 2 / (2 - gain). Anti-windup: errors that push the drive further beyond a limit are ignored, and the
  * correction is at most half the output's range. */
 CORE_API void N(compensator_correct)(const Compensator *c, num y, num trusted);
-/* Begin with dynamics in balance where `which` is 1. */
+/* Begin from the present states where `which` is 1, with dynamics in balance. The next output, of no drive, does not
+ * move the correction. */
 CORE_API void N(compensator_balance)(const Compensator *c, num which);
 /* The drive for the last reference at this moment, in normalised units; no state changes. */
 CORE_API num N(compensator_now)(const Compensator *c);

@@ -202,18 +202,19 @@ def test_actuators_are_added_removed_and_given_models_without_any_effect_on_the_
     np.testing.assert_array_equal(late, np.hstack([x[500:, kept], make(20).run(y_ref[500:, 10:])]))
 
 
-def test_a_model_that_is_set_while_other_weights_are_due_stays_in_use() -> None:
+@pytest.mark.parametrize("taken", [False, True])
+def test_a_model_that_is_set_while_other_weights_are_due_or_blended_in_drives_alone(taken: bool) -> None:
     bank, plant, before, y_ref = (
-        CompensatorBank(STRUCTURE, 1),
+        CompensatorBank(STRUCTURE, 1, blend_time_s=0.05),
         Actuators(1),
         np.array([np.nan]),
         iter(references(1600, 1)),
     )
-    while bank.counts["hand_overs"] == 0:
+    while bank.counts["hand_overs"] == 0 or (taken and np.all(bank.models[0].weights == STRUCTURE.straight_line)):
         before = plant(bank.step(next(y_ref), before))
     model = HysteresisCreepModel.from_weights(STRUCTURE, 1.5 * STRUCTURE.straight_line)
     bank.set_model(0, model)
-    bank.run(np.zeros((BLOCK + 1, 1)))
+    np.testing.assert_array_equal(bank.run(np.zeros((BLOCK + 1, 1)))[:, 0], Compensator(model).run(np.zeros(BLOCK + 1)))
     np.testing.assert_array_equal(bank.weights, [model.all_weights])
 
 

@@ -161,12 +161,16 @@ def test_a_gain_with_which_the_loop_would_be_unstable_is_refused_and_nothing_cha
         Compensator(stable, integral_gain=gain)
 
 
-def test_a_change_of_the_dynamics_begins_in_balance() -> None:
+def test_a_change_of_the_dynamics_or_of_where_the_stage_is_begins_in_balance() -> None:
     model = model_of(ONE, creep_rates=())
-    compensator = Compensator(model)
+    compensator = Compensator(model, integral_gain=10.0)
     compensator.run(np.full(3000, 5.0))
     compensator.change_model(replace(model, dynamics=TWO))
     assert np.ptp(compensator.run(np.full(200, 5.0))) < 1e-6
+    compensator.state = OperatorState.settled_at(model.structure, 20.0)
+    compensator.correct(0.0)  # the output of no drive
+    begun = Compensator(compensator.model, state=compensator.state, integral_gain=10.0)
+    np.testing.assert_array_equal(compensator.run(wave()), begun.run(wave()))
 
 
 S = ModelStructure.equidistant(5, 3, (0.0, 150.0), (-20.0, 20.0), (100.0, 10.0, 1.0), T, offset=True)

@@ -3,7 +3,6 @@
 import json
 import pickle
 import re
-import time
 from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import replace
@@ -415,10 +414,6 @@ class Eager(BoxActiveSet):
     def setup(self, problem: Problem) -> None:
         super().setup(problem)
         self.answer = super().solve()
-
-    def update(self, P: np.ndarray | None = None, q: np.ndarray | None = None) -> None:
-        super().update(P, q)
-        time.sleep(2e-3)
 
     def solve(self, warm_start: np.ndarray | None = None) -> np.ndarray:
         return self.answer

@@ -120,7 +120,7 @@ void piezo_reset(piezo_axis *axis)
                                        .y_scale = (real)PIEZO_Y_SCALE,
                                        .decay = (real)PIEZO_BLEND,
                                        .gain = (real)PIEZO_INTEGRAL_GAIN};
-    *c.memory = (DriveMemory){.last_y_ref = (real)PIEZO_Y_CENTRE, .target = (real)NAN};
+    *c.memory = (DriveMemory){.last_y_ref = (real)PIEZO_Y_CENTRE};
     set_limits(&c, PIEZO_LOW, PIEZO_HIGH, PIEZO_MAX_STEP);
     write_reals(weights, exported, PIEZO_ALL_WEIGHTS);
     compensator_set_weights(&c, weights);
@@ -243,7 +243,6 @@ piezo_status piezo_set_state(piezo_axis *axis, const piezo_state *state)
     c.memory->bump = state->bump;
     c.memory->last_y_ref = state->last_y_ref;
     c.memory->correction = state->correction;
-    c.memory->target = (real)NAN;
     compensator_balance(&c, 1);
 #if PIEZO_MODES > 0
     memcpy(c.prefilter.reference, state->modes, sizeof state->modes);

@@ -125,8 +125,9 @@ piezo_status piezo_set_limits(piezo_axis *axis, piezo_real low, piezo_real high,
 /* Call the following functions between two steps, while piezo_learn does not run. */
 
 /* Change the model. The difference between both models' drives at this moment is added to the drive and multiplied by
- * blend, 0 <= blend < 1, after each sample: exp(-sample time / time constant), 0 for a jump. A model without an inverse
- * is refused, and nothing changes. Learning restarts from the new model; samples and weights in transit are dropped. */
+ * blend, 0 <= blend < 1, after each sample: exp(-sample time / time constant), 0 for a jump. So are those of weights
+ * that are learned later. A model without an inverse is refused, and nothing changes. Learning restarts from the new
+ * model; samples and weights in transit are dropped. */
 piezo_status piezo_set_model(piezo_axis *axis, const piezo_weights *weights, piezo_real blend);
 
 /* Gain of the integral action per second, from 0 to PIEZO_LARGEST_GAIN. */
