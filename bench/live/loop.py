@@ -25,13 +25,12 @@ import time
 from bisect import bisect
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from itertools import islice
 from multiprocessing.connection import wait
 from typing import Any
 
 from bench.live.board import EDGES_US, FOLLOW, LONGEST, Board, State
 from bench.live.settings import LiveSettings
-from bench.timing.schedule import LEAD_NS, SPIN_NS, wait_until
+from bench.timing.schedule import SPIN_NS, schedule
 from piezo_model import Compensator, SelfLearningCompensator
 from piezo_model.recordings.table import first_line
 from piezo_model.units import quantity
@@ -56,7 +55,7 @@ def main(settings: LiveSettings, board: Board, core: int, lock: object) -> None:
     with suppress(PermissionError):  # then sleeps end late, and it spins for longer
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     # what a loop that does nothing misses in a second
-    for _, due, skipped in islice(schedule(settings.rate), round(settings.rate)):
+    for _, due, skipped in due_times(settings.rate, round(settings.rate)):
         board.null_missed += skipped + (time.perf_counter_ns() - due > 1e9 / settings.rate)
     board.drive = settings.declared.rest
     run_stage(settings, board, settings.compensator())
@@ -119,7 +118,7 @@ class Loop:
         is not if it takes no drive any more."""
         board, rate, limit_s = self._board, self._settings.rate, self._settings.limit_s
         before = board.last[0] + 1.0 / rate if board.head else 0.0
-        for k, due, skipped in schedule(rate):
+        for k, due, skipped in due_times(rate):
             signal.setitimer(signal.ITIMER_REAL, limit_s)
             if board.state == State.FOLLOWING:
                 self.obey(k)
@@ -202,17 +201,10 @@ class Loop:
                 self._board.log(f"{event.what}: {event.message}")
 
 
-def schedule(rate: float) -> Iterator[tuple[int, int, int]]:
-    """Wait for each sample and yield its number, its due time in ns, and how many due times were skipped before it,
-    because they had passed."""
-    period, clock = round(1e9 / rate), time.perf_counter_ns
-    spin_ns = WAKE_NS if os.sched_getscheduler(0) == os.SCHED_FIFO else SPIN_NS
-    start, k, skipped = clock() + LEAD_NS, 0, 0
-    while True:
-        wait_until(start + k * period, clock, time.sleep, spin_ns)
-        yield k, start + k * period, skipped
-        newest = max(k + 1, (clock() - start) // period)
-        k, skipped = newest, newest - k - 1
+def due_times(rate: float, samples: float = math.inf) -> Iterator[tuple[int, int, int]]:
+    """The schedule of a sampling rate."""
+    in_time = os.sched_getscheduler(0) == os.SCHED_FIFO
+    return schedule(round(1e9 / rate), samples, spin_ns=WAKE_NS if in_time else SPIN_NS)
 
 
 def handle_signals(handler: Callable[..., object] | signal.Handlers) -> None:

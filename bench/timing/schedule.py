@@ -13,8 +13,9 @@ Between samples the loop sleeps while more than SPIN_NS remain, and then spins: 
 of the system's timers and the way back to the core), which at 8 kHz leaves no time to sleep.
 """
 
+import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -46,6 +47,23 @@ def wait_until(moment: int, clock: Callable[[], int], sleep: Callable[[float], N
         sleep(remaining * 1e-9)
     while clock() < moment:
         pass
+
+
+def schedule(
+    period_ns: int,
+    samples: float = math.inf,
+    clock: Callable[[], int] = time.perf_counter_ns,
+    sleep: Callable[[float], None] = time.sleep,
+    spin_ns: int = SPIN_NS,
+) -> Iterator[tuple[int, int, int]]:
+    """Wait for each sample and yield its number, its due time in ns, and how many due times were skipped before it,
+    because they had passed; the last sample is not skipped."""
+    start, k, skipped = clock() + LEAD_NS, 0, 0
+    while k < samples:
+        wait_until(start + k * period_ns, clock, sleep, spin_ns)
+        yield k, start + k * period_ns, skipped
+        newest = int(max(k + 1, min((clock() - start) // period_ns, samples - 1)))
+        k, skipped = newest, newest - k - 1
 
 
 def follow(
@@ -80,11 +98,9 @@ def follow(
         (M,), and ``response``, the response time of each sample in ns, shape (samples,).
     """
     solved, began, updated, ended = (np.full(samples, -1, dtype=np.int64) for _ in range(4))
-    start, k, count = clock() + LEAD_NS, -1, 0
-    while k + 1 < samples:
-        k = min(max(k + 1, (clock() - start) // period_ns), samples - 1)
-        wait_until(start + k * period_ns, clock, sleep)
-        begin = clock()
+    count = 0
+    for k, due, _ in schedule(period_ns, samples, clock, sleep):
+        begin, start = clock(), due - k * period_ns
         update(k)
         between = clock()
         solve()
