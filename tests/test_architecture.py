@@ -132,6 +132,12 @@ def test_every_solver_file_of_a_folder_holds_one_solver_of_its_name() -> None:
             "from bench.cli import app; app.run(['--help'])",
             {"solvers", "piezo_model", "bench.report", "bench.races", "numpy", "pandas", "vl_convert"},
         ),
+        ("import bench.cli.race_verbs", {"scipy.stats", "scipy.signal"}),
+        (
+            "from importlib import import_module; from bench.processes.child_process import PRELOADED\n"
+            "for name in PRELOADED: import_module(name)",
+            {"pyarrow", "pandas", "scipy.stats"},
+        ),
     ],
 )
 def test_nothing_is_imported_before_it_is_needed(what: str, unneeded: set[str]) -> None:

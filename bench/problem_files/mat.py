@@ -28,11 +28,13 @@ from bench.problem_files.program import (
     two_sided,
     vector,
 )
-from piezo_model.recordings.formats.mat_5 import read_mat_5
 
 
 def read_mat(path: Path) -> ReadProgram:
     """Read P, q, r, A, l and u; r is optional, and so are A, l and u together. ValueError for an invalid file."""
+    # the readers of all formats of recordings are imported with it, which no process of a solver needs
+    from piezo_model.recordings.formats.mat_5 import read_mat_5
+
     with about(path, "cannot be read as a MATLAB file of versions 5 to 7: ", Exception):
         variables = read_mat_5(path, MOST_BYTES, simplify=False)
     for name in ("P", "q", *(("l", "u") if "A" in variables else ())):

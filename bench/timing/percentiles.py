@@ -23,7 +23,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import betaincinv
-from scipy.stats import binomtest
 
 from piezo_model.checks import check
 
@@ -101,6 +100,10 @@ def rate_ratio(events: int, samples: int, others: int, other_samples: int) -> tu
     """
     if not events + others:
         return 0.0, math.inf
-    share = binomtest(events, events + others).proportion_ci(CONFIDENCE, method="exact")
+    tail = (1.0 - CONFIDENCE) / 2.0
+    share = (
+        float(betaincinv(events, others + 1.0, tail)) if events else 0.0,
+        float(betaincinv(events + 1.0, others, 1.0 - tail)) if others else 1.0,
+    )
     low, high = (end / (1.0 - end) * other_samples / samples if end < 1.0 else math.inf for end in share)
     return low, high
