@@ -14,7 +14,7 @@ import faulty_solvers
 import hostile_files
 import pandas as pd
 import pytest
-from command_line import CommandLine, Finished
+from command_line import CommandLine, Finished, in_process
 from programs import library
 
 from bench.derived.measurements import Measurements
@@ -123,44 +123,40 @@ def saved(run: Run) -> dict[str, Row]:
     return {key: row for part in run.parts() for key, row in part.rows.items()}
 
 
-def race_of(piezobench: CommandLine, out: Path, name: str, *words: object) -> Race:
-    """A finished one-shot race with these options."""
-    call = piezobench("race", "--out", out, "--name", name, *words)
+def race_of(out: Path, name: str, *words: object, command: Callable[..., Finished] = in_process) -> Race:
+    """A finished one-shot race with these options. Those in this process share one server of the solvers' processes;
+    each of the others would import every library again."""
+    call = command("race", "--out", out, "--name", name, *words)
     assert call.status == ("\nWrong: " in call.stdout), (call.stdout, call.stderr)
     run = Run.open(out / name)
     return Race(run, run.rows(), call)
 
 
-def raced(piezobench: CommandLine, out: Path, name: str, *words: object) -> Race:
+def raced(out: Path, name: str, *words: object) -> Race:
     """A small one-shot race with further options."""
-    return race_of(piezobench, out, name, *(SMALL[2:] if "--set" in words else SMALL), *words)
+    return race_of(out, name, *(SMALL[2:] if "--set" in words else SMALL), *words)
 
 
 @pytest.fixture(scope="session")
-def clean_race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
+def clean_race(tmp_path_factory: pytest.TempPathFactory) -> Race:
     """Three honest solvers on one problem."""
-    race = raced(piezobench, tmp_path_factory.mktemp("clean"), "clean", *THIRD)
+    race = raced(tmp_path_factory.mktemp("clean"), "clean", *THIRD)
     assert len(race.hot) == TASKS
     return race
 
 
 @pytest.fixture(scope="session")
 def faulty_race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
-    """Two honest solvers among solvers with every fault."""
+    """Two honest solvers among solvers with every fault, in a process whose output is all kept."""
     folder = tmp_path_factory.mktemp("faulty")
-    return raced(
-        piezobench,
-        folder,
-        "faulty",
-        *(word for path in faulty_solvers.write_all(folder) for word in ("--solver", path)),
-    )
+    files = (word for path in faulty_solvers.write_all(folder) for word in ("--solver", path))
+    return race_of(folder, "faulty", *SMALL, *files, command=piezobench)
 
 
 @pytest.fixture(scope="session")
-def wide_race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
+def wide_race(tmp_path_factory: pytest.TempPathFactory) -> Race:
     """Solvers in three lanes on two problems of two sets, and the paper's method."""
     return raced(
-        piezobench,
         tmp_path_factory.mktemp("wide"),
         "wide",
         "--set",

@@ -5,7 +5,6 @@ from pathlib import Path
 import cheating_solvers
 import numpy as np
 import pytest
-from command_line import CommandLine
 from measured_rows import form_of
 from small_races import Race, race_of
 
@@ -52,10 +51,9 @@ TAMPERED = (
 
 
 @pytest.fixture(scope="module")
-def cheats(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
+def cheats(tmp_path_factory: pytest.TempPathFactory) -> Race:
     folder = tmp_path_factory.mktemp("cheats")
     return race_of(
-        piezobench,
         folder,
         "cheats",
         *("--set", "paper", "--limit", 1, "--scaling", "scaled", "--rounds", 0, "--budget", 0.2),

@@ -9,7 +9,6 @@ import faulty_solvers
 import numpy as np
 import pandas as pd
 import pytest
-from command_line import CommandLine
 from measured_rows import NAN, form_of, ladder, row, table
 from recording_files import text_file
 from small_races import Race, raced
@@ -32,14 +31,13 @@ QP = Problem(np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([1.0, -4.0]), lb=np.ze
 
 
 @pytest.fixture(scope="module")
-def drift_race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
+def drift_race(tmp_path_factory: pytest.TempPathFactory) -> Race:
     """Two problems that follow each other, in two fresh processes; one solver ignores starts."""
     folder = tmp_path_factory.mktemp("drift")
     file = faulty_solvers.written(
         folder, "says_who", "setup(self)", "open(__file__ + '.pids', 'a').write(f'{os.getpid()}\\n')"
     )
     return raced(
-        piezobench,
         folder,
         "drift",
         "--set",
@@ -279,7 +277,7 @@ def forged(*arguments):
 
 
 @pytest.fixture(scope="module")
-def race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
+def race(tmp_path_factory: pytest.TempPathFactory) -> Race:
     folder = tmp_path_factory.mktemp("schedule")
     changes: dict[str, dict[str, object]] = {
         "slow": {"sleep": 4e-4},
@@ -292,7 +290,6 @@ def race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> R
         for name, change in changes.items()
     )
     return raced(
-        piezobench,
         folder,
         "run",
         *(word for file in files for word in ("--solver", file)),

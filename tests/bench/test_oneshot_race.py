@@ -10,7 +10,7 @@ from pathlib import Path
 import faulty_solvers
 import numpy as np
 import pytest
-from command_line import CommandLine
+from command_line import in_process
 from measured_rows import form_of
 from small_races import Race, race_of, saved
 
@@ -75,11 +75,10 @@ WORDS = (
 
 
 @pytest.fixture(scope="module")
-def ended(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
+def ended(tmp_path_factory: pytest.TempPathFactory) -> Race:
     """A race of solvers whose ladders end."""
     folder = tmp_path_factory.mktemp("ended")
     return race_of(
-        piezobench,
         folder,
         "run",
         *WORDS,
@@ -136,7 +135,7 @@ def test_skipped_settings_are_chosen_for_no_tier_and_are_no_failure_in_the_repor
 
 
 def test_a_race_killed_in_a_ladder_that_ended_resumes_after_that_end_and_has_the_same_rows(
-    piezobench: CommandLine, tmp_path: Path, ended: Race
+    tmp_path: Path, ended: Race
 ) -> None:
     files = [with_ladder(tmp_path, name) for name in ("crashes", "goes_on")]
     run = ended.unfinished(tmp_path / "run", solver_files=[*map(str, files)])
@@ -147,7 +146,7 @@ def test_a_race_killed_in_a_ladder_that_ended_resumes_after_that_end_and_has_the
             part.save(row, {})
     assert sum(key.startswith("crashes-") for key in saved(run)) == 4
     (tmp_path / "crashes.py.log").write_text("")
-    done = piezobench("resume", run.path, *(word for file in files for word in ("--solver", file)))
+    done = in_process("resume", run.path, *(word for file in files for word in ("--solver", file)))
     assert done.status == 1, "one of its own solvers crashes"
     assert logged(tmp_path, "crashes").isdisjoint({6, 8, 10})
     resumed = Race(run, run.rows(), done)
@@ -200,7 +199,7 @@ def test_every_lane_is_measured_on_every_problem_and_the_papers_method_also_from
 
 
 def test_given_settings_are_raced_beside_the_defaults_in_place_of_the_ladder(
-    piezobench: CommandLine, tmp_path: Path
+    tmp_path: Path,
 ) -> None:
     given = """osqp={"eps_abs": 1e-6, "eps_rel": 0.0, "max_iter": 100000}"""
     few = (
@@ -217,7 +216,7 @@ def test_given_settings_are_raced_beside_the_defaults_in_place_of_the_ladder(
         "--lane",
         "direct",
     )
-    race = race_of(piezobench, tmp_path, "run", *few, "--solver", "osqp", "--solver", "daqp", "--settings", given)
+    race = race_of(tmp_path, "run", *few, "--solver", "osqp", "--solver", "daqp", "--settings", given)
     rows = race.hot.query("solver == 'osqp'")
     measured = {*rows[["rung", "is_default", "status"]].itertuples(index=False, name=None)}
     assert measured == {(-1, True, "answered"), (0, False, "answered")}

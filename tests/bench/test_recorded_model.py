@@ -39,10 +39,10 @@ def stage(folder: Path, kind: str, samples: int = 12_000) -> tuple[Path, Recordi
 
 
 @pytest.fixture(scope="module")
-def recorded(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Recording, Run]:
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Recording, Run]:
     folder = tmp_path_factory.mktemp("recorded")
     path, later = stage(folder, "bouc_wen")
-    return path, later, race_of(piezobench, folder, "run", "--recording", path, *FEW).run
+    return path, later, race_of(folder, "run", "--recording", path, *FEW).run
 
 
 def test_the_model_of_all_of_a_recording_is_kept_and_deployed_with_the_error_of_that_of_four_fifths_on_the_last(
@@ -153,7 +153,7 @@ def test_a_recording_without_a_model_is_raced_and_deploy_gives_the_reason(
         tmp_path / "noise.csv",
         {"time_s": t, "voltage_V": 50 - 50 * np.cos(2 * np.pi * t), "displacement_um": chance.normal(size=t.size)},
     )
-    run = race_of(piezobench, tmp_path, "run", "--recording", tmp_path / "noise.csv", *FEW).run
+    run = race_of(tmp_path, "run", "--recording", tmp_path / "noise.csv", *FEW).run
     reason = run.settings["models"]["recorded"]["refused"]
     assert reason.startswith(f"{tmp_path / 'noise.csv'}, samples 0 to 3199: ")
     assert not run.model_path("recorded").exists()
@@ -176,7 +176,7 @@ def test_one_frequency_gives_a_model_without_creep_from_the_race_to_the_controll
     u = 1 + 8 * np.interp(t / 2 % 1, [0, 0.5, 1], [0, 1, 0])
     y = plain_stage.stage(u)
     write_table(tmp_path / "a.csv", {"time_s": t, "voltage_V": u, "position_um": y + chance.normal(0, 0.3, t.size)})
-    run = race_of(piezobench, tmp_path, "run", "--recording", tmp_path / "a.csv", *FEW).run
+    run = race_of(tmp_path, "run", "--recording", tmp_path / "a.csv", *FEW).run
     assert f"of the whole recording. {UNDETERMINED}" in (run.path / "report.md").read_text()
     assert UNDETERMINED in piezobench.run("deploy", run.path, *LONG, "--out", tmp_path / "c.json").said
     model = Deployment.load(tmp_path / "c.json").model
@@ -204,6 +204,6 @@ def test_missing_outputs_pass_through_identify_its_page_validate_a_fleet_and_a_r
         assert "NaN" not in (tmp_path / f"{verb[0]}-figures" / "error.csv").read_text()
     piezobench.run("identify", one, tmp_path / "b.parquet", "--out-dir", tmp_path / "fleet", *words)
     two = ("--input", f"{one}:voltage_V", "--output", f"{tmp_path / 'b.parquet'}:displacement_um")
-    race = race_of(piezobench, tmp_path, "run", *two, *FEW)
+    race = race_of(tmp_path, "run", *two, *FEW)
     assert 0.0 < race.run.settings["models"]["recorded"]["error_percent"] < 2.0
     assert race.rows.query("solver == 'box_active_set'").model_error_percent.between(0.0, 2.0).all()

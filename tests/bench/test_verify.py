@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from command_line import CommandLine
+from command_line import in_process
 from recording_files import text_file
 from small_races import Race, race_of
 
@@ -21,8 +21,8 @@ from bench.verification import TIMED
 from solvers import Lane, get
 
 
-def test_an_honest_run_agrees_in_every_row(piezobench: CommandLine, clean_race: Race) -> None:
-    said = piezobench("verify", clean_race.run.path).stdout
+def test_an_honest_run_agrees_in_every_row(clean_race: Race) -> None:
+    said = in_process("verify", clean_race.run.path).stdout
     judged = re.match(rf"{len(clean_race.rows)} rows: (\d+) first and (\d+) timed answers were judged again", said)
     assert min(map(int, judged.groups())) > 0.8 * len(clean_race.rows)
 
@@ -79,12 +79,12 @@ def with_answers_exchanged(rows: pd.DataFrame) -> pd.DataFrame:
     ],
 )
 def test_a_run_whose_rows_were_edited_is_refused(
-    piezobench: CommandLine, clean_race: Race, tmp_path: Path, change: Callable[[pd.DataFrame], pd.DataFrame], why: str
+    clean_race: Race, tmp_path: Path, change: Callable[[pd.DataFrame], pd.DataFrame], why: str
 ) -> None:
     run = clean_race.copied(tmp_path / "run", lambda rows: change(rows[rows.solver == "osqp"].copy()))
     assert re.search(
         f"{re.escape(str(run.path))} does not agree with its answers: .*{re.escape(why)}",
-        piezobench("verify", run.path).refusal,
+        in_process("verify", run.path).refusal,
     )
 
 
@@ -98,11 +98,11 @@ def change_a_bit(path: Path) -> None:
     ("spoil", "why"), [(change_a_bit, "the certificate belongs to other data"), (Path.unlink, "is missing")]
 )
 def test_a_run_whose_problem_was_changed_in_one_bit_or_is_missing_is_refused(
-    piezobench: CommandLine, clean_race: Race, tmp_path: Path, spoil: Callable[[Path], None], why: str
+    clean_race: Race, tmp_path: Path, spoil: Callable[[Path], None], why: str
 ) -> None:
     run = clean_race.copied(tmp_path / "run")
     spoil(*(run.path / "problems").glob("*.npz"))
-    assert why in piezobench("verify", run.path).refusal
+    assert why in in_process("verify", run.path).refusal
 
 
 SOMETIMES = '''"""A solver that is off by a thousandth on the paper's problems, and right on measured ones."""
@@ -123,7 +123,7 @@ NEVER = SOMETIMES.replace('"sometimes"', '"right"').replace("x if x.size == 19 e
 
 
 @pytest.fixture(scope="module")
-def race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
+def race(tmp_path_factory: pytest.TempPathFactory) -> Race:
     """A race in which a solver misses 1e-9 on two of four problems."""
     folder = tmp_path_factory.mktemp("misses")
     files = text_file(folder, SOMETIMES, name="sometimes.py"), text_file(folder, NEVER, name="right.py")
@@ -142,7 +142,6 @@ def race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> R
         0,
     )
     return race_of(
-        piezobench,
         folder,
         "run",
         *words,
