@@ -47,7 +47,7 @@ def read(path: str | Path, schema: type[T], refused: type[ValueError] = ValueErr
     try:
         return decoded(Path(path).read_bytes(), schema)
     except FileNotFoundError:
-        raise refused(f"{path}: there is no such file") from None
+        raise refused(f"{path}: no such file") from None
     except OSError as error:
         raise refused(f"{path}: cannot be read ({error.strerror})") from None
     except ValueError as error:

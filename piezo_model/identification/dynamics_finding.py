@@ -77,8 +77,10 @@ class DynamicsFinding:
         if self.also_rings[1] > 0.0:
             yield f"The output also rings near {self.also_rings[0]:.3g} Hz, which is not in the model."
         lag = f", and the amplifier lags by {quantity(self.amplifier_lag_s, 's', 3)}" * (self.amplifier_lag_s > 0.0)
+        ends = " to ".join(quantity(end, "s", 3) for end in self.intervals["delay_s"][0])
         yield (
-            f"The output is delayed by {quantity(self.delay_s, 's', 3)} from the end of the sampling interval{lag}; "
+            f"The output is delayed by {quantity(self.delay_s, 's', 3)} ({ends}) from the end of the sampling "
+            f"interval{lag}; "
             f"the RMS error of a first fit on held-out data is {behind:.3g} % of the range with the dynamics and "
             f"{without:.3g} % without."
         )

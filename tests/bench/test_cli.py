@@ -308,7 +308,7 @@ CORES = len(cores.usable())
         ((*COMPENSATE, "--x-start", "nan"), ["--x-start must be within the limits of the drive"]),
         ((*COMPENSATE, "--x-start", "40", "--start", "recording"), ["--x-start: is for --start rest"]),
         # Exports.
-        (["export-c", "nothing.json", "c"], ["nothing.json: there is no such file"]),
+        (["export-c", "nothing.json", "c"], ["nothing.json: no such file"]),
         (["export-c", "half.json", "c"], ["is not a whole JSON file"]),
         (["export-c", "invalid.json", "c"], ["w_H[0] must be positive"]),
         (["export-c", "stage.csv", "c"], ["stage.csv: is not a whole JSON file"]),
@@ -432,7 +432,7 @@ CORES = len(cores.usable())
             for name in ("fleet.csv", "path-drive.csv")
         ),
         # Controllers on a schedule.
-        (("realtime", "nothing.json"), ["nothing.json: there is no such file"]),
+        (("realtime", "nothing.json"), ["nothing.json: no such file"]),
         (("realtime", "model.json", "--rate", 0), ["--rate"]),
         (("realtime", "model.json", "--seconds", "nan"), ["--seconds"]),
         (

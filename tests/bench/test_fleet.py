@@ -233,7 +233,7 @@ def test_each_recording_is_judged_and_each_reference_followed_by_the_model_of_it
     other = piezobench.run("validate", models / "stage0.json", recordings[1], "--out-dir", tmp_path / "others")
     assert [f"{own}: 2." in call.said, own in other.said] == [True, False]
     judged = table_in(tmp_path / "judged").set_index("name")
-    assert judged.refused["stranger"] == f"{models / 'stranger.json'}: there is no such file"
+    assert judged.refused["stranger"] == f"{models / 'stranger.json'}: no such file"
     for path in chosen:
         alone = json.loads(piezobench("validate", models / f"{path.stem}.json", path, "--json").stdout)
         row = judged.loc[path.stem]

@@ -11,7 +11,7 @@ from piezo_model.identification.dynamics_finding import DynamicsFinding
         ((119.99, 120.01), 0.0, 0, "at 120 Hz (119.99 to 120.01 Hz) with"),
         ((119.9999, 120.0001), 0.0, 0, "at 120 Hz with"),
         ((119.0, 121.0), 2e-4, -1, "interval, and the amplifier lags by 200 µs; the RMS error"),
-        ((119.0, 121.0), 0.0, -1, "interval; the RMS error"),
+        ((119.0, 121.0), 0.0, -1, "by 1 ms (0 s to 2 ms) from the end of the sampling interval; the RMS error"),
     ],
     ids=["enough digits", "no interval", "an amplifier's lag beside the delay", "no lag"],
 )

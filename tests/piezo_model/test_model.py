@@ -267,7 +267,7 @@ def test_a_spoiled_file_is_refused_with_one_sentence_that_names_it(
 
 @pytest.mark.parametrize(
     ("name", "sentence"),
-    [("absent.json", "there is no such file"), ("", "cannot be read"), ("binary.json", "is not a whole JSON")],
+    [("absent.json", "no such file"), ("", "cannot be read"), ("binary.json", "is not a whole JSON")],
 )
 def test_a_file_that_is_absent_a_folder_or_binary_is_refused_by_its_name(
     tmp_path: Path, name: str, sentence: str

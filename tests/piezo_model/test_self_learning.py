@@ -177,7 +177,7 @@ def test_every_damage_of_a_saved_file_is_refused_in_one_sentence_that_names_it(
         path.write_text(content)
         with pytest.raises(ModelError, match=r"^[^\n]*learner\.json: [^\n]*$"):
             type(one).load(path)
-    with pytest.raises(ModelError, match=r"nowhere\.json: there is no such file"):
+    with pytest.raises(ModelError, match=r"nowhere\.json: no such file"):
         type(one).load(tmp_path / "nowhere.json")
 
 
