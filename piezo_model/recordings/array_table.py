@@ -65,9 +65,15 @@ def table_of(path: Path | str, contents: Arrays) -> Table:
         if not isinstance(array, np.ndarray):  # only shape and type are known
             array = np.broadcast_to(np.empty((), array.dtype), array.shape)
         for label, values in islice(_columns(name, array), MOST_COLUMNS + 1):
-            about = {"kind": KINDS[values.dtype.kind], "rows": len(values), "sample_time": period}
-            about["start"] = contents.starts.get(name)
-            columns[name, label] = Column.named(label, contents.units.get(name, ""), nested=contents.nested, **about)
+            columns[name, label] = Column.named(
+                label,
+                contents.units.get(name, ""),
+                kind=KINDS[values.dtype.kind],
+                rows=len(values),
+                sample_time=period,
+                start=contents.starts.get(name),
+                nested=contents.nested,
+            )
     sources = [*columns]
     unread = [
         f"{printable(name or 'array')!r} ({' x '.join(map(str, array.shape)) or 'one value'}, {array.dtype.name})"

@@ -97,8 +97,6 @@ def interpolate_unknown(rows: Rows) -> None:
 
 def discount_held_outputs(rows: Rows) -> None:
     """Count only the changes of an output that holds each value for equally many rows while the drive moves."""
-    if len(rows.signals) < 2:
-        return
     drive, output = (np.diff(signal[:SHOWN]) for signal in rows.signals)
     steps = output[fresh := np.flatnonzero(output)]
     run_lengths = np.diff(fresh)

@@ -337,7 +337,11 @@ def _headed(
         else [k for k in (header_row - 1, header_row) if header_row and k < start]  # names, and perhaps units
     )
     broken = any(lines[k].count('"') % 2 for k in above)  # a name in quotes has a line break
-    headed = [(k, cells) for k in above if not broken and (cells := _names(dialect, lines[k], kinds, lines[start]))]
+    headed = [
+        (k, cells)
+        for k in above
+        if not broken and (cells := _names(dialect, lines[k], kinds, lines[start], bool(header_row)))
+    ]
     none: Sequence[str] = [""] * len(kinds)
     if not headed and above and (glued := _glued(dialect, lines[above[-1]], kinds)):
         return above[-1], glued[0], none, glued[1]
@@ -375,8 +379,9 @@ def _uncommented(dialect: Dialect, line: str) -> str:
     return COMMENT.sub("", line, count=1) if dialect.is_comment(line) else line
 
 
-def _names(dialect: Dialect, line: str, kinds: Sequence[Kind], row: str = "") -> list[str] | None:
-    """The names in a line above columns of these kinds, and above their first row; None for a remark."""
+def _names(dialect: Dialect, line: str, kinds: Sequence[Kind], row: str = "", stated: bool = False) -> list[str] | None:
+    """The names in a line above columns of these kinds, and above their first row; None for a remark. Some may be
+    numbers if the user states that the line holds names."""
     width = len(kinds)
     for names in _splits(dialect, _uncommented(dialect, line)):
         cells = [cell.strip().strip('"').strip() for cell in names]
@@ -387,7 +392,9 @@ def _names(dialect: Dialect, line: str, kinds: Sequence[Kind], row: str = "") ->
         elif len(cells) == width - 1 > 1:  # rows start with an index, or the last column has no name
             own = (dialect.split(row) or [""])[0].strip('" ')
             cells = ["", *cells] if own.isdigit() or dialect.kind(own) == "text" else [*cells, ""]
-        if len(cells) == width and VALUES.isdisjoint(map(dialect.kind, cells)):
+        heads = [dialect.kind(cell) for cell in cells]
+        named = stated and ("text", "number") in zip(heads, kinds, strict=False)
+        if len(cells) == width and (named or VALUES.isdisjoint(heads)):
             return cells
     return None
 

@@ -2,7 +2,7 @@
 repaired and reported if that is safe, or refused with the row. Values that are implausible for their units are
 questioned.
 
-The repairs in order: unknown values (`bad_values`), parts and repeated stamps (`rows`), the clock (`clock`), isolated
+The repairs in order: unknown values (`bad_values`), repeated stamps and parts (`rows`), the clock (`clock`), isolated
 bad samples (`bad_values`), and an even clock by linear interpolation within each part,
 
     y(t_0 + k T) = y_i + (y_{i+1} − y_i) (t_0 + k T − t_i) / (t_{i+1} − t_i),   t_i ≤ t_0 + k T ≤ t_{i+1}.
@@ -185,16 +185,17 @@ def read_signals(
 def _sampled(rows: Rows, period: float, options: ReadOptions) -> float:
     """Turn rows into even samples, in place; returns their sampling period, which is known for rows without times."""
     interpolate_unknown(rows)
-    begin_parts(rows, even=options.resample is None)
     drop_repeats(rows)
     if rows.length < 2:
         raise RecordingError(
             f"{rows.path}: has {'1 data row' if rows.length else 'no data rows'}, and a recording needs two"
         )
+    begin_parts(rows, even=options.resample is None)
     sample_time = sampling(rows, options.time_tolerance, options.resample is None) if rows.time_label else period
     if rows.length >= LEAST_ROWS:
-        refuse_sorted(rows)
-        discount_held_outputs(rows)
+        if len(rows.signals) > 1:
+            refuse_sorted(rows)
+            discount_held_outputs(rows)
         replace_bad_samples(rows)
     if options.strict and rows.repairs:
         raise RecordingError(f"{rows.path}: {rows.repairs[0]}; without --strict it is repaired")
@@ -339,8 +340,8 @@ def _unit(table: Table, role: str, k: int, values: Vector, options: ReadOptions)
         reach, most = (max(-low, high), MOST_VOLTS) if unit in VOLTAGES else (high - low, MOST_METRES)
         if PREFIX[unit[:-1]] * reach > most:
             raise RecordingError(
-                f"{table.label(k)}, the {role}, reaches from {low:.6g} to {high:.6g} {unit}, more than {most:g} "
-                f"{unit[-1]}; is a decimal mark missing, or the unit wrong? "
+                f"{table.path}: column {table.names[k]!r}, the {role}, reaches from {low:.6g} to {high:.6g} {unit}, "
+                f"more than {most:g} {unit[-1]}; is a decimal mark missing, or the unit wrong? "
                 f"--{'input' if role == 'input' else 'output'}-unit states or confirms it"
             )
     return unit

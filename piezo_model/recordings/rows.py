@@ -86,30 +86,23 @@ class Rows:
 
 
 def refuse_sorted(rows: Rows) -> None:
-    """Refuse rows without times that are sorted by one signal while the other jumps back and forth.
+    """Refuse rows of two signals without times that are sorted by one while the other jumps back and forth.
 
     Raises
     ------
     RecordingError
         The order in time, which hysteresis needs, is lost.
     """
-    if rows.time_label or len(rows.signals) < 2:
-        return
     for label, ordered, other in zip(rows.labels, rows.signals, rows.signals[::-1], strict=True):
         steps, span = np.diff(ordered), float(np.ptp(other))
+        is_ordered = ((steps >= 0.0).all() or (steps <= 0.0).all()) and steps.any()
         travel = float(np.abs(np.diff(other)).sum())
         jumps = travel > LEAST_JUMP * rows.length * span or not steps.all()
-        if _monotonic(ordered) and travel > TO_AND_FRO * span > 0.0 and jumps:
+        if not rows.time_label and is_ordered and travel > TO_AND_FRO * span > 0.0 and jumps:
             raise RecordingError(
                 f"{rows.path}: {label} only {'rises' if steps.max() > 0.0 else 'falls'} while the other signal goes "
                 "back and forth: the rows are sorted by it, and their order in time, which hysteresis needs, is lost"
             )
-
-
-def _monotonic(values: Vector) -> bool:
-    """True if the known values never rise or never fall, and are not constant."""
-    steps = np.diff(values[~np.isnan(values)])
-    return bool(((steps >= 0.0).all() or (steps <= 0.0).all()) and steps.any())
 
 
 def run_starts(times: Vector) -> list[int]:
@@ -118,7 +111,8 @@ def run_starts(times: Vector) -> list[int]:
 
 
 def begin_parts(rows: Rows, even: bool = True) -> None:
-    """Begin a part where the times start again or after a pause, and make the times continuous over the parts.
+    """Begin a part where the times, of at least two rows, start again or after a pause, and make them continuous over
+    the parts.
 
     Raises
     ------
@@ -127,8 +121,6 @@ def begin_parts(rows: Rows, even: bool = True) -> None:
         be interpolated.
     """
     times = rows.times
-    if rows.length < 2:
-        return
     steps = np.diff(times)
     positive = steps[:WINDOW][steps[:WINDOW] > 0.0]
     usual = float(np.median(positive)) if positive.size else 0.0

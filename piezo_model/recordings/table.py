@@ -6,8 +6,10 @@ arrays, in which a missing cell is NaN and a clock counts seconds since its firs
 
 import re
 import sys
+import traceback
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -33,12 +35,38 @@ MOST_BYTES = 2 << 30
 """Largest size of values that a library reads at once; it may hold another copy of them."""
 FEW_ROWS = 16
 """Largest number of rows of a preamble above a longer table."""
+MISTAKES = (AttributeError, LookupError, NameError, TypeError)
+"""Errors that are mistakes of a program, if they arise in ours; in a library, they mean a damaged file."""
 RowName = Callable[[int], str]
 """Name of a row counted from 0, as the user counts rows."""
 
 
 class RecordingError(ValueError):
     """A recording cannot be read or written; the message is one sentence that names file, column and row."""
+
+
+@contextmanager
+def reading(path: Path | str, form: str) -> Iterator[None]:
+    """Refuse a file of some form that cannot be read, whatever error its library raises."""
+    try:
+        yield
+    except RecordingError:
+        raise
+    except MemoryError:
+        raise RecordingError(f"{path}: needs more memory than is free") from None
+    except ModuleNotFoundError as error:
+        raise RecordingError(
+            f"{path}: is {form}, and reading it needs the package {error.name}: install piezobench[formats]"
+        ) from None
+    except FileNotFoundError:
+        raise RecordingError(f"{path}: no such file") from None
+    except Exception as error:
+        *_, (place, _) = traceback.walk_tb(error.__traceback__)
+        if place.f_globals["__name__"].startswith("piezo_model.") and isinstance(error, MISTAKES):
+            raise
+        of_system = getattr(error, "strerror", None)
+        why = f"cannot be read: {of_system}" if of_system else f"is {form}, and damaged: {first_line(error)}"
+        raise RecordingError(f"{path}: {why}") from None
 
 
 @dataclass(frozen=True)
@@ -110,10 +138,6 @@ class Table:
         """Names of the columns; repeated names have their position added."""
         return distinct([column.name for column in self.columns])
 
-    def label(self, k: int) -> str:
-        """File and column, for the start of a message."""
-        return f"{self.path}: column {self.names[k]!r}"
-
     def heads(self, columns: Sequence[int]) -> dict[int, Vector]:
         """The first values of columns, without missing and absurd ones, by position."""
         heads = self.read(columns, slice(HEAD_ROWS)) if columns else []
@@ -134,26 +158,27 @@ class Table:
         most = free_memory() / (8 * COPIES * max(len(columns), 1))
         chunks = list[list[Any]]([[] for _ in columns])
         seen = selected = 0
-        for batch in self.batches(columns):
-            begin = first - seen if seen < first else -(seen - first) % step
-            part = slice(begin, max(stop - seen, 0), step)
-            seen += len(batch[0])
-            selected += len(batch[0][part])
-            if selected > most:
-                raise RecordingError(
-                    f"{self.path}: has more than {selected} rows, too many for the free memory; read part of it with "
-                    "--from and --to (seconds), or every tenth row with --decimate 10"
-                )
-            for k, values, read in zip(columns, batch, chunks, strict=True):
-                chunk = values[part]
-                read.append(chunk if self.columns[k].kind == "clock" else np.array(chunk, dtype=float))
-            if seen >= stop:
-                break
+        with reading(self.path, self.form):
+            for batch in self.batches(columns):
+                begin = first - seen if seen < first else -(seen - first) % step
+                part = slice(begin, max(stop - seen, 0), step)
+                seen += len(batch[0])
+                selected += len(batch[0][part])
+                if selected > most:
+                    raise RecordingError(
+                        f"{self.path}: has more than {selected} rows, too many for the free memory; read part of it "
+                        "with --from and --to (seconds), or every tenth row with --decimate 10"
+                    )
+                for k, values, read in zip(columns, batch, chunks, strict=True):
+                    chunk = values[part]
+                    read.append(chunk if self.columns[k].kind == "clock" else np.array(chunk, dtype=float))
+                if seen >= stop:
+                    break
         return [self._joined(k, chunks.pop(0)) for k in columns]
 
     def _joined(self, k: int, chunks: list[Any]) -> Vector:
         if chunks and self.clocks and self.columns[k].kind == "clock":
-            chunks = [self.clocks(chunks, self.label(k), self.where)]
+            chunks = [self.clocks(chunks, f"{self.path}: column {self.names[k]!r}", self.where)]
         values = np.concatenate(chunks or [np.empty(0)])
         return seconds_since_first(values) if values.dtype.kind in "mM" else values
 

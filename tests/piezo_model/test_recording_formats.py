@@ -35,7 +35,7 @@ def gcs(path: Path, separator: str = " ", end: str = " \n") -> None:
 
 
 def hdf5(
-    values: dict[str, Any], of: dict[str, dict[str, Any]] | None = None, **attributes: float
+    values: dict[Any, Any], of: dict[str, dict[str, Any]] | None = None, **attributes: float
 ) -> Callable[[Path], None]:
     """Writer of a file of datasets, some with attributes of their own, and attributes of the file."""
 
@@ -188,6 +188,10 @@ FORMATS: dict[str, tuple[Callable[[Path], Any], dict[str, str]]] = {
     "NeXus": (nexus, {"time": "entry/data/time", "input": "entry/data/voltage", "output": "entry/data/displacement"}),
     "HDF5 matrix": (hdf5({"data": np.stack([X, Y]), "fs": 1 / PERIOD}), {"input": "data/1", "output": "data/2"}),
     "HDF5 compound": (hdf5_compound, {"time": "record/time", "input": "record/voltage_V", "output": "record/y_um"}),
+    "HDF5 in Latin-1": (
+        hdf5({b"Spannung_V": X, "Höhe_um".encode("latin-1"): Y, "fs": 1 / PERIOD}),
+        {"input": "Spannung_V", "output": "H\ufffdhe_um"},
+    ),
     "HDF5 attribute": (hdf5({"u": X, "y": Y}, sample_rate_Hz=1 / PERIOD), {"input": "u", "output": "y"}),
     "MAT 5": (
         lambda path: scipy.io.savemat(path, {"t": T, "u": X, "y": Y}),
@@ -218,7 +222,14 @@ FORMATS: dict[str, tuple[Callable[[Path], Any], dict[str, str]]] = {
         numpy_file(np.save, np.rec.fromarrays([Y, X, T], names="y_um,voltage_V,t")),
         {"time": "t", "input": "voltage_V", "output": "y_um"},
     ),
-    "NPZ": (numpy_file(np.savez, u=X, y=Y, dt=PERIOD), {"input": "u", "output": "y"}),
+    "NPZ": (numpy_file(np.savez, u=X, y=Y, dt=PERIOD, made=np.array({"by": "K"})), {"input": "u", "output": "y"}),
+    "Parquet of decimals": (
+        lambda path: pq.write_table(
+            pa.table({"t": T, **{name: pa.array(of).cast(pa.decimal128(12, 6)) for name, of in (("u", X), ("y", Y))}}),
+            path,
+        ),
+        {"time": "t", "input": "u", "output": "y"},
+    ),
     "Excel": (excel, {"time": "Zeit", "input": "Spannung", "output": "Weg"}),
     "Excel of texts": (
         lambda path: workbook(
@@ -417,8 +428,17 @@ def test_a_file_that_was_read_can_be_written_again(tmp_path: Path) -> None:
             {},
             "'Drive' and 'Sensor' are sampled every 0.0005 and 0.001 s; resample one of them",
         ),
+        (
+            lambda path: (hdf5_compound(path), path.write_bytes(path.read_bytes().replace(b"x^", b"  "))),
+            {},
+            "is HDF5, and damaged: Can't synchronously read data",
+        ),
+        *(
+            (lambda path, text=text: path.write_text(text), {}, "is JSON, as models are, and no table of rows")
+            for text in ('{\n "start": [\n  1.0,\n  2.0\n ]\n}\n', "[[0, 1, 2],\n[1, 2, 3],\n[2, 3, 5]]")
+        ),
     ],
-    ids=range(13),
+    ids=range(16),
 )
 def test_a_file_without_columns_or_rows_of_numbers_is_refused_with_what_it_holds_or_what_is_read(
     tmp_path: Path, write: Callable[[Path], object], options: dict[str, str], sentence: str

@@ -133,6 +133,11 @@ FILES: dict[str, tuple[bytes | str, dict]] = {
     "seven digits": (HEADER + rows("{t},{x},{y}", times=[f"{t:.7g}" for t in T + 8.5]), {}),
     "no time": (f"voltage_V,height_um\n{rows('{x},{y}')}", {"sample_time": 1 / RATE}),
     "no time but a rate": (f"# Sampling rate [kHz]: 0.997\nvoltage_V,height_um\n{rows('{x},{y}')}", {}),
+    "a rate in a cell of its own": (f"Sampling rate [kHz]:,0.997,\nvoltage_V,height_um\n{rows('{x},{y}')}", {}),
+    "numbers as names, by their row": (
+        f"time,1,2\n{rows('{t},{x},{y}')}",
+        {"header_row": 1, "input": "1", "output": "2"},
+    ),
     "clock that is not believed": (
         f"time_s,voltage_V,height_um\n{rows('0,{x},{y}')}",
         {"sample_time": 1 / RATE, "time": "none"},

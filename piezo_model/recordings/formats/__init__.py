@@ -6,12 +6,11 @@
 If its library reads all values at once, a reader first passes the size that the file states to `table.check_size`.
 """
 
-import traceback
 import warnings
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 from piezo_model.recordings.array_table import Arrays, table_of
 from piezo_model.recordings.formats.arrow import open_parquet, open_stream
@@ -19,10 +18,7 @@ from piezo_model.recordings.formats.libraries import read_hdf5, read_matlab, rea
 from piezo_model.recordings.formats.text import HEAD_BYTES, open_text
 from piezo_model.recordings.formats.xlsx import open_workbook
 from piezo_model.recordings.options import ReadOptions
-from piezo_model.recordings.table import RecordingError, Table, first_line
-
-MISTAKES = (AttributeError, LookupError, NameError, TypeError)
-"""Errors that are mistakes of a program, if they arise in ours; in a library, they mean a damaged file."""
+from piezo_model.recordings.table import RecordingError, Table, reading
 
 
 def begins(*marks: bytes) -> Callable[[Path, bytes], bool]:
@@ -51,6 +47,11 @@ class Format(NamedTuple):
     """Options that apply only to some formats, including this one."""
 
 
+def refuse_json(path: Path, *options: object) -> NoReturn:
+    """Refuse what plain text would take for a table: a model has numbers in lines, too."""
+    raise RecordingError(f"{path}: is JSON, as models are, and no table of rows; save a recording as CSV or Parquet")
+
+
 FORMATS = (
     Format("a Parquet file", begins(b"PAR1"), open_parquet),
     Format(
@@ -77,6 +78,12 @@ FORMATS = (
     ),
     Format("a MATLAB file", begins(b"MATLAB "), read_matlab),
     Format("a TDMS file", begins(b"TDSm"), read_tdms),
+    Format(
+        "JSON",
+        lambda path, head: head.lstrip()[:1] in (b"{", b"[") and path.read_bytes().rstrip()[-1:] in (b"}", b"]"),
+        refuse_json,
+        takes=("header_row", "decimal", "table"),
+    ),
     Format("plain text", lambda path, head: True, open_text, takes=("header_row", "decimal", "table")),
 )
 """In the order in which they are tried."""
@@ -90,8 +97,8 @@ def open_tables(path: str | Path, options: ReadOptions) -> list[Table]:
     RecordingError
         The file is missing, empty, a folder, of an unknown format, damaged, or needs a package that is not installed.
     """
-    path, format = Path(path), FORMATS[-1]
-    try:
+    path = Path(path)
+    with reading(path, "an archive"):
         if path.exists() and not path.is_file():  # a pipe would be waited for, and a device has no end
             raise RecordingError(f"{path}: is a folder, a pipe or a device, not a file")
         with path.open("rb") as file:
@@ -99,27 +106,9 @@ def open_tables(path: str | Path, options: ReadOptions) -> list[Table]:
         if not head:
             raise RecordingError(f"{path}: is an empty file")
         format = next(candidate for candidate in FORMATS if candidate.recognises(path, head))
-        for name in ("header_row", "decimal", "table"):
-            if getattr(options, name) is not None and name not in format.takes:
-                raise RecordingError(f"{path}: is {format.name}, which takes no {name.replace('_', ' ')}")
-        with warnings.catch_warnings(action="ignore"):  # from libraries
-            contents = format.read(path, *(getattr(options, name) for name in format.takes if name != "table"))
-            return [table_of(path, contents)] if isinstance(contents, Arrays) else contents
-    except RecordingError:
-        raise
-    except MemoryError:
-        raise RecordingError(f"{path}: needs more memory than is free") from None
-    except ModuleNotFoundError as error:
-        raise RecordingError(
-            f"{path}: is {format.name}, and reading it needs the package {error.name}: install piezobench[formats]"
-        ) from None
-    except (FileNotFoundError, PermissionError) as error:
-        raise RecordingError(
-            f"{path}: "
-            + ("no such file" if isinstance(error, FileNotFoundError) else f"cannot be read: {error.strerror}")
-        ) from None
-    except Exception as error:
-        *_, (place, _) = traceback.walk_tb(error.__traceback__)
-        if place.f_globals["__name__"].startswith("piezo_model.") and isinstance(error, MISTAKES):
-            raise
-        raise RecordingError(f"{path}: is {format.name}, and damaged: {first_line(error)}") from None
+    for name in ("header_row", "decimal", "table"):
+        if getattr(options, name) is not None and name not in format.takes:
+            raise RecordingError(f"{path}: is {format.name}, which takes no {name.replace('_', ' ')}")
+    with reading(path, format.name), warnings.catch_warnings(action="ignore"):  # from libraries
+        contents = format.read(path, *(getattr(options, name) for name in format.takes if name != "table"))
+        return [table_of(path, contents)] if isinstance(contents, Arrays) else contents

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 from pyarrow.parquet import ParquetFile
 
-from piezo_model.recordings.table import Column, Kind, RecordingError, Table, first_line
+from piezo_model.recordings.table import Column, Kind, RecordingError, Table
 
 BATCH_ROWS = 1 << 18
 BUFFER_BYTES = 1 << 18
@@ -59,11 +59,8 @@ def _table(
                     "where numbers are needed"
                 )
         names = list(dict.fromkeys(schema.names[k] for k in at)) if len(set(schema.names)) == len(schema) else None
-        try:
-            for batch in batches_of(names):
-                yield [array_of(batch.column(schema.names[k] if names else k)) for k in at]
-        except (pa.ArrowException, OSError, KeyError) as error:
-            raise RecordingError(f"{path}: is {form}, and damaged: {first_line(error)}") from None
+        for batch in batches_of(names):
+            yield [array_of(batch.column(schema.names[k] if names else k)) for k in at]
 
     return [Table(path, form, columns, batches)]
 
@@ -78,7 +75,9 @@ def array_of(column: pa.Array) -> np.ndarray:
     """Numbers, with NaN where one is missing; datetime64 or timedelta64 with NaT."""
     if not pa.types.is_temporal(column.type):
         if column.null_count or pa.types.is_decimal(column.type):
-            column = column.cast(pa.float64(), safe=False).fill_null(math.nan)
+            # of a decimal only the text is rounded correctly
+            written = column.cast(pa.string()) if pa.types.is_decimal(column.type) else column
+            column = written.cast(pa.float64(), safe=False).fill_null(math.nan)
         return np.asarray(np.from_dlpack(column))  # to_numpy would import pandas
     whole = column.cast(pa.int32() if column.type.bit_width == 32 else pa.int64()).cast(pa.int64())
     kind = "M" if pa.types.is_timestamp(column.type) else "m"

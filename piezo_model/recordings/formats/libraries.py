@@ -32,8 +32,8 @@ NAMES, VALUES, FIELD_UNITS = ("name", "label", "title"), ("data", "values", "val
 SCALES = {"scale_factor": 1.0, "add_offset": 0.0, "scale": 1.0}
 """Attributes by which the values of a dataset must be scaled (the first two of NetCDF), and values that change
 nothing."""
-AT_ONCE, MOST_UNITS = 320_000_000, 16
-"""Most bytes of the datasets of an HDF5 file that are read at once; most units of a dataset."""
+MOST_UNITS, HEADER = 16, 1024
+"""Most units of a dataset; bytes of an array in an archive in which its type is stated."""
 PROPERTIES = ("unit_string", "NI_UnitDescription", "unit", "Unit")
 
 
@@ -43,47 +43,54 @@ def read_npy(path: Path) -> Arrays:
 
 
 def read_npz(path: Path) -> Arrays:
-    """Every array of an archive."""
+    """Every array of an archive, except those of Python objects."""
     with zipfile.ZipFile(path) as zipped:
         check_size(path, sum(member.file_size for member in zipped.infolist()))
+        pickled = {name.removesuffix(".npy") for name in zipped.namelist() if b"'|O'" in zipped.open(name).read(HEADER)}
     with np.load(path, allow_pickle=False) as archive:
-        arrays = {name: archive[name] for name in archive.files}
-    return Arrays("NumPy", arrays, periods=period_in_scalars(arrays))
+        arrays = {name: archive[name] for name in archive.files if name not in pickled}
+    form = "NumPy" + f", without {', '.join(map(repr, sorted(pickled)))}, pickled" * bool(pickled)
+    return Arrays(form, arrays, periods=period_in_scalars(arrays))
 
 
 def read_hdf5(path: Path) -> Arrays:
     """The datasets, which are read on request."""
     import h5py
 
-    datasets: list[Any] = []
+    datasets: dict[str, Any] = {}
     file = h5py.File(path, "r")  # its datasets keep it open
-    file.visititems(lambda name, item: datasets.append(item) if isinstance(item, h5py.Dataset) else None)
-    datasets = [item for item in datasets if not item.name.startswith("/#")]  # MATLAB's references
-    for item in datasets:
+    file.visititems(lambda name, item: datasets.update({_text(name): item} if isinstance(item, h5py.Dataset) else {}))
+    datasets = {name: item for name, item in datasets.items() if name[0] != "#"}  # MATLAB's references
+    for name, item in datasets.items():
         if item.external or item.is_virtual:  # it could show the bytes of any file on this machine
-            raise RecordingError(f"{path}: {item.name[1:]!r} links to another file; only values stored in it are read")
-    scaled = [item for item in datasets if any(np.any(item.attrs.get(key, one) != one) for key, one in SCALES.items())]
+            raise RecordingError(f"{path}: {name!r} links to another file; only values stored in it are read")
+    scaled = [
+        name
+        for name, item in datasets.items()
+        if any(np.any(item.attrs.get(key, one) != one) for key, one in SCALES.items())
+    ]
     # a chunk is unpacked as a whole
-    check_size(path, max((math.prod(item.chunks or ()) * item.dtype.itemsize for item in datasets), default=0))
+    check_size(path, max((math.prod(of.chunks or ()) * of.dtype.itemsize for of in datasets.values()), default=0))
     # of a record the fields whose cells have a size; many cells can refer to one long text
     arrays = {
-        item.name.lstrip("/"): item.astype(
-            [(n, item.dtype[n]) for n in item.dtype.names if not item.dtype[n].hasobject]
-        )
+        name: item.astype([(n, item.dtype[n]) for n in item.dtype.names if not item.dtype[n].hasobject])
         if item.dtype.hasobject
         else item
-        for item in datasets
+        for name, item in datasets.items()
         if max(item.shape or (0,)) > 1 and (item.dtype.names or item.dtype.kind in "iufbc")
-        if item.attrs.get("MATLAB_class") != b"char" and item not in scaled
+        if item.attrs.get("MATLAB_class") != b"char" and name not in scaled
     }
-    period = _stated([file, *(item.parent for item in datasets), *datasets], datasets)
-    if sum(array.size * array.dtype.itemsize for array in arrays.values()) <= AT_ONCE:
-        arrays = {name: array[()] for name, array in arrays.items()}
-    form = "HDF5" + f", without {', '.join(repr(item.name[1:]) for item in scaled)}, to be scaled" * bool(scaled)
-    return Arrays(form, arrays, {item.name.lstrip("/"): _unit(item) for item in datasets}, period)
+    period = _stated([file, *(item.parent for item in datasets.values()), *datasets.values()], datasets)
+    form = "HDF5" + f", without {', '.join(map(repr, scaled))}, to be scaled" * bool(scaled)
+    return Arrays(form, arrays, {name: _unit(item) for name, item in datasets.items()}, period)
 
 
-def _stated(holders: Sequence[Any], datasets: Sequence[Any]) -> float | None:
+def _text(name: Any) -> str:
+    """A name or a unit, which are bytes if they are not in UTF-8."""
+    return name.decode(errors="replace") if isinstance(name, bytes) else str(name)
+
+
+def _stated(holders: Sequence[Any], datasets: Mapping[str, Any]) -> float | None:
     """The sampling period, if attributes and scalars state exactly one."""
     scalars = [
         (key, holder.attrs[key])
@@ -91,8 +98,8 @@ def _stated(holders: Sequence[Any], datasets: Sequence[Any]) -> float | None:
         for key in holder.attrs
         if (stated := holder.attrs.get_id(key)).shape == () and stated.dtype.kind in "iuf"
     ] + [
-        (f"{item.name.rpartition('/')[2]} [{_unit(item)}]", np.ravel(item[()])[0])
-        for item in datasets
+        (f"{name.rpartition('/')[2]} [{_unit(item)}]", np.ravel(item[()])[0])
+        for name, item in datasets.items()
         if item.size == 1 and item.dtype.kind in "iuf"
     ]
     return period_in(f"{name} = {float(value)!r}" for name, value in scalars)
@@ -105,8 +112,7 @@ def _unit(item: Any) -> str:
         for key in ATTRIBUTES
         if key in item.attrs and 0 < math.prod(item.attrs.get_id(key).shape or ()) <= MOST_UNITS
     ]
-    value = np.ravel(item.attrs[few[-1]])[0] if few else ""
-    return value.decode(errors="replace") if isinstance(value, bytes) else str(value)
+    return _text(np.ravel(item.attrs[few[-1]])[0] if few else "")
 
 
 def read_matlab(path: Path) -> Arrays:

@@ -59,8 +59,8 @@ class Source(NamedTuple):
     open: Callable[[], BinaryIO]
     size: int
     """Bytes."""
-    form: str = "text"
     sheet: str = ""
+    """Title of a sheet; "" for a file of text."""
 
 
 @dataclass(frozen=True)
@@ -111,11 +111,11 @@ class TextRows:
             lines = (block.count(b"\n") or block.count(b"\r")) + (not block.endswith((b"\n", b"\r")))
             if layout.quoted and len(table) != lines:
                 raise RecordingError(f"{self.source.path}: has an unclosed quote: {lines} lines give {len(table)} rows")
-            for k in set(at) - clocks:
-                self._refuse_grouped(k, table[keys[k]].to_numpy(), block, delimiter)
-            for batch in table.to_batches():
-                columns = ((k, batch.column(keys[k])) for k in at)
-                yield [column if k in clocks else array_of(column) for k, column in columns]
+            cells = {k: table[keys[k]].combine_chunks() for k in at}
+            columns = {k: column if k in clocks else array_of(column) for k, column in cells.items()}
+            for k in columns.keys() - clocks:
+                self._refuse_grouped(k, columns[k], block, delimiter)
+            yield [columns[k] for k in at]
 
     def _refuse_grouped(self, k: int, values: Vector, block: bytes, delimiter: str) -> None:
         """Refuse whole numbers of which the large ones have marks between thousands, read as 999 next to 1.234."""
@@ -240,7 +240,7 @@ def _table(
     start += _size(lines[layout.start][: layout.glued], encoding)
     stop, dropped = end_of_rows(source, encoding, layout, start, end)
     clauses = {
-        f"{source.form}{ENCODINGS[encoding]}": True,
+        f"Excel, sheet {source.sheet!r}" if source.sheet else f"text{ENCODINGS[encoding]}": True,
         f"separated by {SEPARATORS[layout.dialect.separator]}": not source.sheet,
         "decimal comma": layout.dialect.decimal == ",",
         "no header" if layout.header is None else f"header in row {region.line + layout.header + 1}": True,

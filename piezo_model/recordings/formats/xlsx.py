@@ -31,9 +31,7 @@ def open_workbook(path: Path, header_row: int | None) -> list[Table]:
         tables = [
             table
             for name, text in _texts(path, book.worksheets)
-            for table in tables_of(
-                Source(path, partial(io.BytesIO, text), len(text), f"Excel, sheet {name!r}", name), header_row, None
-            )
+            for table in tables_of(Source(path, partial(io.BytesIO, text), len(text), name), header_row, None)
         ]
     if not tables:
         raise RecordingError(
