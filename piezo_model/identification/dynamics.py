@@ -28,7 +28,7 @@ from piezo_model.identification.autocorrelation import DEVIATIONS
 from piezo_model.identification.drive import band_of
 from piezo_model.identification.dynamics_finding import DynamicsFinding
 from piezo_model.identification.dynamics_parameters import LONGEST, SMALLEST_GAIN, Parameters
-from piezo_model.identification.dynamics_trials import CLEAR, COARSE, DynamicsTrials, as_of_static, parameters_of
+from piezo_model.identification.dynamics_trials import CLEAR, DynamicsTrials, as_of_static, parameters_of
 from piezo_model.identification.error_model import IdentificationError, ProgramSolver
 from piezo_model.identification.forward import EXACT, Columns, ForwardFit
 from piezo_model.identification.resonance import LIGHTLY_DAMPED, SHORTEST_SEGMENT, Spectra, segment_of
@@ -151,13 +151,7 @@ def _with_modes(
     best, rest = trials.best(none, Parameters(begin, T, free=True, residual=share < 1.0), spectra)
     if best is None:
         return None, None
-    finding = trials.judge(
-        none,
-        best,
-        peak.gain,
-        rest,
-        lambda parameters: DynamicsTrials.of(head, initial, qp_solver, COARSE).fit(parameters),
-    )
+    finding = trials.judge(none, best, peak.gain, rest)
     if not finding.kept:
         return None, finding
     static = trials.without_dynamics(recording, best)
@@ -199,8 +193,9 @@ def _fit_lag(
     T, drift = trials.recording.sample_time, Columns.of(trials.recording.time)
 
     def best_fit(parameters: Parameters, *nears: ForwardFit | None) -> ForwardFit:
-        fits = (trials.fit(parameters, near, steps=STEPS, further=drift) for near in nears)
-        return min(fits, key=lambda fit: fit.cost)
+        return min(
+            (trials.fit(parameters, near, steps=STEPS, further=drift) for near in nears), key=lambda fit: fit.cost
+        )
 
     lagging = min(
         (best_fit(Parameters(Dynamics((), (), (), begin.lag_s(T)), T, free=True), None) for begin in begins),
@@ -209,7 +204,7 @@ def _fit_lag(
     if option != "remove":
         amplifier = best_fit(Parameters(begins[0], T, free=True, with_lag=True), None, lagging)
         lagging = amplifier if amplifier.cost < CLEAR * lagging.cost else lagging
-    prompt, own = best_fit(Parameters(Dynamics((), (), (), 0.0), T), None, lagging), parameters_of(lagging)
+    prompt, own = best_fit(Parameters(Dynamics((), (), (), 0.0), T), lagging), parameters_of(lagging)
     samples = float(own.vector.sum())
     # a lag of 0 is at its bound; how long it may be is the deviation that it would have as a free unknown
     of_lags = np.arange(lagging.free.size) > trials.structure.d

@@ -57,19 +57,24 @@ class Parameters:
         gains_ub = [1.0, 1.0 - SMALLEST_GAIN][:gains]
         return np.r_[lb, np.full(gains, SMALLEST_GAIN), np.zeros(late)], np.r_[ub, gains_ub, np.full(late, LONGEST)]
 
+    @property
+    def _delay(self) -> int:
+        """Number of the delay in θ."""
+        return len(self.start.frequencies_Hz) * (3 if self.residual else 2)
+
     def deviations(self, covariance: Matrix) -> Vector:
-        """Standard deviations (k,) from the covariance (k, k) of θ, with log f_2 in place of log f_2/f_1."""
+        """Standard deviations of log f_i, log ζ_i and the delay in samples, from the covariance (k, k) of θ."""
         modes, T = len(self.start.frequencies_Hz) * self.free, np.eye(len(covariance))
         T[:modes, :modes] = np.tril(np.ones((modes, modes)))
-        return np.asarray(np.sqrt(np.diag(T @ covariance @ T.T)))
+        return np.asarray(np.sqrt(np.diag(T @ covariance @ T.T)))[[*range(2 * modes), self._delay]]
 
     def inside(self, dynamics: Dynamics, free: Mask) -> bool:
         """True if no parameter is at a bound of the search; ``free`` (k,) are those at no bound. Since there are stages
         without residual compliance or delay, a sum of the gains of 1 and a delay of 0 do not count as bounds."""
-        modes, inside = len(dynamics.frequencies_Hz), free.copy()
+        inside = free.copy()
         if self.residual:
-            inside[2 * modes] |= sum(dynamics.gains) > 1.0 - ROUNDING
-        inside[modes * (3 if self.residual else 2)] |= dynamics.delay_s <= ROUNDING * self.sample_time
+            inside[2 * len(dynamics.frequencies_Hz)] |= sum(dynamics.gains) > 1.0 - ROUNDING
+        inside[self._delay] |= dynamics.delay_s <= ROUNDING * self.sample_time
         return bool(np.all(inside))
 
     def at(self, theta: Vector) -> Dynamics:

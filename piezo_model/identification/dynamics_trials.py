@@ -10,14 +10,13 @@ then) or in the mean of its logarithm over the blocks (for one that excites it f
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import f as f_distribution
 
 from piezo_model.dynamics import HIGHEST, Dynamics
-from piezo_model.identification.autocorrelation import DEVIATIONS, autocorrelation_time
+from piezo_model.identification.autocorrelation import DEVIATIONS, autocorrelation_time, inverse_over
 from piezo_model.identification.creep import candidate_rates
 from piezo_model.identification.drive import TOO_FEW, level_count
 from piezo_model.identification.dynamics_finding import RINGING, DynamicsFinding, moves_too_far
@@ -32,13 +31,14 @@ from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Mask, Vector
 
-ORDERS, COARSE = (20, 5), (10, 5)
+ORDERS = 20, 5
 """Orders n and m of the fits, in addition to those of the start: with too few plays, residual hysteresis is mistaken
-for dynamics and shifts the frequency; those of a fit whose difference shows by how much."""
-APPROXIMATE = 0.01, 0.03
-"""Standard deviations of damping (relative) and delay (samples) if nothing were left but creep of unknown rates."""
-STEPS, FOLD_STEPS, RECENTRED = 6, 1, 7
-"""Steps of a fit, and of a fit without some of the blocks; most further fits around a lightly damped mode."""
+for dynamics and shifts the frequency."""
+STEPS, FOLD_STEPS, RECENTRED, EVENTS, LAG_OF_CREEP = 6, 1, 7, 50, math.sqrt(10.0)
+"""Steps of a fit, and of a fit without some of the blocks; most further fits around a lightly damped mode; independent
+samples to which a misfit is equivalent, however long the recording, since it follows the drive (the most with which
+nine in ten delays from simulated steps, stairs, bits and chirps were within their intervals); samples by which creep
+delays its share of the output in a decade with time constants of 1 to 10 samples, which the fit lacks."""
 PERIODS, SHORTEST, FEW, CLEAR, CHANCE, SIGNIFICANT = 3.0, 20, 16.0, 0.5, 1e-3, 4.0
 """Periods, and fewest samples, of a held-out block; periods in a segment of the scan below which residual hysteresis
 looks like a mode; largest ratio of squared errors that is clear (of a mode of few periods, or of an amplifier's lag in
@@ -153,9 +153,8 @@ class DynamicsTrials:
         best: ForwardFit,
         gain: float,
         rest: Peak | None,
-        coarse: Callable[[Parameters], ForwardFit],
     ) -> DynamicsFinding:
-        """Decide whether to keep the dynamics, whose uncertainty includes the difference to a coarse fit."""
+        """Decide whether to keep the dynamics."""
         g, T, count = parameters_of(best).start, self.recording.sample_time, int(np.count_nonzero(self.counted))
         block = max(SHORTEST, round(PERIODS / g.frequencies_Hz[0] / T))
         before, after = (self._held_out(fit, block) for fit in (none, best))
@@ -175,27 +174,26 @@ class DynamicsTrials:
             "the error on held-out data does not clearly decrease": not falls,
         }
         without, behind = (self.percent(squares.sum() / count) for squares in (before, after))
-
-        def refit(further: Columns, steps: int = STEPS) -> ForwardFit:
-            return self.fit(parameters, best, steps=steps, further=further)
-
         also = 0.0, 0.0
-        if falls and rest is not None and (cost := refit(_ringing(best, rest, T), 1).cost) < 0.5 * best.cost:
+        if falls and rest is not None and (cost := self._cost_beside(best, rest)) < 0.5 * best.cost:
             also = rest.frequency_Hz, self.percent(best.cost - cost)
         reason = next((why for why, applies in reasons.items() if applies), "")
         still = tuple((f, f) for f in g.frequencies_Hz)
-        moves = [(ends, 0.0) if reason else movement(best, i, T, refit) for i, ends in enumerate(still)]
+        moves = ((ends, 0.0) if reason else movement(best, i, T, self.fit) for i, ends in enumerate(still))
         moves_Hz, spread = zip(*moves, strict=True)
         if without**2 - behind**2 < RINGING**2 and any(map(moves_too_far, g.damping, moves_Hz)):
             # residual hysteresis looks like such a mode
             reason, moves_Hz = "it moves with the amplitude or the position", still
-        change = 0.0 if reason else parameters_of(coarse(parameters)).vector - parameters.vector
-        covariance = best.covariance_over(best.free)[d:, d:] + np.outer(change, change)
-        of_delay = 3 * modes if parameters.residual else 2 * modes
-        approximate = *spread, *[APPROXIMATE[0]] * modes, APPROXIMATE[1]
-        deviations = np.hypot(parameters.deviations(covariance)[[*range(2 * modes), of_delay]], approximate)
+        # other errors hardly change from sample to sample; 20 = 1² + 3² + 3² + 1²
+        noise = float(np.mean(np.concatenate([np.diff(error, 3) for error in best.errors]) ** 2)) / 20.0
+        variance = best.cost / count + max(best.cost - noise, 0.0) / EVENTS
+        # a delay of 0 is at its bound; its deviation is the one that it would have as a free unknown
+        covariance = variance * inverse_over(best.P, best.free | (np.arange(best.free.size) >= d))[d:, d:]
+        hysteresis, _, creep = (float(best.v[part].sum()) for part in self.structure.slices)
+        decade = creep / (1.0 + hysteresis + len(self.structure.creep_rates) * creep)
+        apart = *spread, *[decade] * modes, LAG_OF_CREEP * decade
         values = np.array([*g.frequencies_Hz, *g.damping, g.delay_s])
-        wide = DEVIATIONS * deviations * [*values[:-1], T]
+        wide = DEVIATIONS * np.hypot(parameters.deviations(covariance), apart) * [*values[:-1], T]
         ends = np.column_stack([np.maximum(values - wide, 0.0), values + wide]).tolist()
         return DynamicsFinding(
             not reason,
@@ -222,6 +220,13 @@ class DynamicsTrials:
             squares += np.where(counted & ~inside, error**2, 0.0)
         return np.asarray(np.bincount(number, squares) + EXACT * block)
 
+    def _cost_beside(self, fit: ForwardFit, peak: Peak) -> float:
+        """Cost of a fit with the deflection of one more mode, and the same one sample later, after one step."""
+        T, static = self.recording.sample_time, (fit.static[part] for part in self.recording.parts)
+        late = [Dynamics((peak.frequency_Hz,), (peak.damping,), (1.0,), delay) for delay in (0.0, T)]
+        signals = np.concatenate([np.column_stack([g.filter(v, T) - v for g in late]) for v in static])
+        return self.fit(parameters_of(fit), fit, steps=1, further=Columns.of(signals)).cost
+
     def without_dynamics(self, recording: Recording, fitted: ForwardFit) -> Recording:
         """The recording, which may be longer than that of the trials, without the dynamics of a fit: with the drive
         behind the amplifier, and the output of the static part plus the equalised error."""
@@ -237,11 +242,3 @@ def parameters_of(fit: ForwardFit) -> Parameters:
     """The parameters of a fit with dynamics."""
     assert fit.parameters is not None
     return fit.parameters
-
-
-def _ringing(fit: ForwardFit, peak: Peak, T: float) -> Columns:
-    """The deflection of a mode, and the same one sample later."""
-    late = [Dynamics((peak.frequency_Hz,), (peak.damping,), (1.0,), delay) for delay in (0.0, T)]
-    static = (fit.static[part] for part in fit.recording.parts)
-    signals = [np.column_stack([g.filter(v, T) - v for g in late]) for v in static]
-    return Columns.of(np.concatenate(signals))

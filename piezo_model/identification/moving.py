@@ -14,8 +14,8 @@ columns w of J P⁻¹ / N, the error of β is Σ w e, and its covariance is the 
 
 with the effective number of independent frequencies by Welch and Satterthwaite. The resonance moves if an F test
 rejects β = 0, with C plus the covariance of the module `intervals`, since C underestimates slow errors.
-In either case the standard deviation of log f(t) measures how far parts of the recording disagree on f, and adds to
-the uncertainty of f.
+In either case the standard deviation of log f(t), less the share 1/F that chance explains, measures how far parts of
+the recording disagree on f, and adds to the uncertainty of f.
 
 Sources: A. H. Nayfeh and D. T. Mook, Nonlinear Oscillations, 1979, section 2.3, for the frequency of a nonlinear
 spring; E. J. Hannan, "Regression for time series", 1963, for C; F. E. Satterthwaite, Biometrics Bulletin 2 (1946)
@@ -42,26 +42,27 @@ CHANCE, USUAL = 1e-4, (0.05, 0.95)
 
 
 def movement(
-    fit: ForwardFit, mode: int, T: float, refit: Callable[[Columns], ForwardFit]
+    fit: ForwardFit, mode: int, T: float, refit: Callable[..., ForwardFit]
 ) -> tuple[tuple[float, float], float]:
     """Lowest and highest frequency in Hz of a mode, which are equal if it does not move, and the standard deviation of
-    log f(t). ``refit`` repeats the fit with further columns."""
+    log f(t) beyond chance. ``refit`` fits dynamics from another fit, with further columns."""
     assert fit.dynamics is not None
     parts = [_columns(fit.dynamics, mode, T, fit.static[part], fit.y_model[part]) for part in fit.recording.parts]
-    signals, shapes, source = (np.concatenate(columns) for columns in zip(*parts, strict=True))
-    other, f, weights = refit(Columns.of(signals)), fit.dynamics.frequencies_Hz[mode], source**2
+    signals, shapes, weights = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    other, f = refit(fit.parameters, fit, further=Columns.of(signals)), fit.dynamics.frequencies_Hz[mode]
     change = shapes @ other.further
     change -= np.average(change, weights=weights)
     ends = np.quantile(change, USUAL, weights=weights, method="inverted_cdf")
-    low, high = (f * np.exp(ends * (_p_value(replace(other, P=other.P_here())) < CHANCE))).tolist()
-    return (low, high), math.sqrt(np.average(change**2, weights=weights))
+    ratio, p_value = _f_test(replace(other, P=other.P_here()))
+    low, high = (f * np.exp(ends * (p_value < CHANCE))).tolist()
+    return (low, high), math.sqrt((1.0 - 1.0 / max(ratio, 1.0)) * np.average(change**2, weights=weights))
 
 
-def _p_value(fit: ForwardFit) -> float:
-    """p-value of the further weights of a fit, for the hypothesis that they are 0."""
+def _f_test(fit: ForwardFit) -> tuple[float, float]:
+    """F of the further weights of a fit, about 1 if they are 0, and its p-value."""
     free, samples = np.flatnonzero(fit.free[fit.structure.d :][: fit.further.size]), np.count_nonzero(fit.counted)
     if not free.size:
-        return 1.0
+        return 0.0, 1.0
     beta, directions = fit.further[free], inverse_over(fit.P, fit.free)[fit.structure.d + free] / samples
     w = np.column_stack([fit.derivative(direction) for direction in directions])
     pairs = zip((w[part][fit.counted[part]] for part in fit.recording.parts), fit.errors, strict=True)
@@ -72,15 +73,16 @@ def _p_value(fit: ForwardFit) -> float:
     inverse = np.linalg.pinv(2.0 * (lines.conj().T @ lines).real + fit.covariance_over(fit.free)[at], hermitian=True)
     share = np.einsum("fi,ij,fj->f", lines.conj(), inverse, lines).real
     independent = 2.0 * share.sum() ** 2 / max(float(np.sum(share**2)), 1e-300)
-    return float(f_distribution.sf(beta @ inverse @ beta / free.size, free.size, independent))
+    ratio = float(beta @ inverse @ beta) / free.size
+    return ratio, float(f_distribution.sf(ratio, free.size, independent))
 
 
 def _columns(g: Dynamics, mode: int, T: float, static: Vector, y: Vector) -> tuple[Matrix, Matrix, Vector]:
-    """The columns (N, 3), the m_i (N, 3) and s (N,)."""
+    """The columns (N, 3), the m_i (N, 3) and s² (N,)."""
     f, D = list(g.frequencies_Hz), g.pole_pairs(T)[mode][0]
     period = max(1, round(1.0 / f[mode] / T))
     f[mode] *= math.exp(STEP)
     J = (replace(g, frequencies_Hz=tuple(f)).filter(static, T) - g.filter(static, T)) / STEP
     source, p = lfilter(D, [1.0], J), uniform_filter1d(y, period)
     shapes = np.column_stack([uniform_filter1d(2.0 * (y - static) ** 2, period), p, p**2])
-    return lfilter([1.0], D, shapes * source[:, None], axis=0), shapes, source
+    return lfilter([1.0], D, shapes * source[:, None], axis=0), shapes, source**2
