@@ -14,7 +14,7 @@ import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 
 from piezo_model.identification.error_model import counted_from, percent_of
-from piezo_model.identification.faults import NOTABLE, Signals, faults_of, residual, unexplained
+from piezo_model.identification.faults import NOTABLE, Signals, faults_of, quantum_of, residual, unexplained
 from piezo_model.identification.forward import ForwardFit
 from piezo_model.identification.start import HEAD, first_motion
 from piezo_model.recordings import Recording
@@ -25,9 +25,10 @@ from solvers.arrays import Vector
 NO_BETTER, IGNORED, UNDERSAMPLED, LOOPS = 0.6, 0.92, 0.5, 0.99
 """Largest ratio of a model's error to the line's at which the model is better (it explains two thirds of the squares),
 that if dynamics are ignored on purpose, that for an undersampled drive, and that at which there are loops in noise."""
-FLOOR, WHITE, FOLLOWS = 1e-9, 0.4, 0.75
-"""Error at the level of rounding, as a share of the range; largest correlation of neighbouring samples in noise;
-largest ratio of the line's error to the output's deviation at which the output follows the drive."""
+FLOOR, ROUNDED, WHITE, FOLLOWS = 1e-9, 0.5, 0.4, 0.75
+"""Error at the level of rounding, as a share of the range, and largest error that an output's rounding explains, as a
+share of its quantum; largest correlation of neighbouring samples in noise; largest ratio of the line's error to the
+output's deviation at which the output follows the drive."""
 ROUGH, COVERED = 0.3, 0.3
 """1 − correlation of neighbouring samples of a drive of about eight samples a period; smallest share of the drive's
 range that more than a single branch crosses both ways: small loops at one end say nothing of those over the whole."""
@@ -131,7 +132,11 @@ def check_adequacy(recording: Recording, fitted: ForwardFit, skip: int, fit: Fit
     own = v - y_model[counted] / fit.span
     follows = line < FOLLOWS * float(v.std())
     no_worse = LOOPS * fit.rms_percent <= 100.0 * line
-    noise = follows and no_worse and (line == FLOOR or abs(1.0 - roughness(own)) < WHITE)
+    noise = (
+        follows
+        and no_worse
+        and (line <= max(FLOOR, ROUNDED * quantum_of(signals.v)) or abs(1.0 - roughness(own)) < WHITE)
+    )
     period = 2.0 * math.pi / math.acos(1.0 - min(max(roughness(u), ROUGH), 2.0))
     reasons = applicable(
         (
@@ -143,8 +148,8 @@ def check_adequacy(recording: Recording, fitted: ForwardFit, skip: int, fit: Fit
         ),
         (
             not (follows or faults) and error > POOR and roughness(v) < ROUGH,
-            "the output falls and rises again on one way of the drive, as the butterfly of a strain over a field, "
-            "or as an output that is late",
+            "the output falls and rises again on one way of the drive, as the butterfly of a strain over a field does, "
+            "or an output that rings or is late",
         ),
         (
             not noise and error > (IGNORED if dynamics_ignored else NO_BETTER) * line,

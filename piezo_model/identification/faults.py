@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.ndimage import median_filter
+from scipy.ndimage import maximum_filter1d, median_filter, rank_filter
 from scipy.optimize import nnls
 from scipy.signal import find_peaks
 from scipy.stats import linregress, theilslopes
@@ -45,18 +45,20 @@ which controls lift to 13; largest deviation of the levels, which creep and ring
 outputs plus their deviation, as a share of the movement, which controls lower to 0.09."""
 LATER, ONE_SLOPE, UNEQUAL, SURE, LARGE = 1.1, 0.35, 0.03, 3.0, 0.25
 """Of a slew limit: smallest ratio of the output's rise to the drive's; largest exponent c, and largest deviation of the
-slopes' logarithms; their smallest error; smallest distance of c from 1, in its standard errors; smallest size, a share
-of the largest: small edges are linear."""
-SHIFTS, BLOCKS, SHIFTED = 40, 16, (0.5, 0.35)
+slopes' logarithms; their smallest error, and smallest relative difference of the drive's steps; smallest distance of c
+from 1, in its standard errors; smallest size, a share of the largest: small edges are linear."""
+SHIFTS, BLOCKS, SHIFTED, HELPED = 40, 16, (0.5, 0.35), 0.8
 """Largest shift in samples, blocks, and largest ratio of the squares with two shifts to those with one, of the model
-and of the drive."""
-GROUPS, UNEVEN, CLEAR, LEAST_JITTER, MEDIAN = 12, 0.7, 5.0, 0.03, 0.455
-"""Of clock jitter: groups of samples of one speed; largest error of their logarithmic variances; smallest ratio of what
-speed explains of these to what it leaves; smallest jitter in samples; the median of the square of a normal variable."""
-SPIKE, FAR, NOTABLE, MANY = 0.1, 4.0, 0.01, 10.0
+and of the drive; and of the model if it is only clear of the drive, of which a loop is a shift where it cycles."""
+GROUPS, UNEVEN, WHITE, CLEAR, LEAST_JITTER, MEDIAN = 12, 0.7, 0.25, 1.5, 0.03, 0.455
+"""Of clock jitter: groups of samples of one speed; largest error of their logarithmic variances; largest mean of the
+logarithmic ratio of first to third differences, which is 0 for white errors and 0.5 for jumps; smallest ratio of what a
+variance that grows with the speed leaves to what one that grows with its square leaves; smallest jitter in samples; the
+median of the square of a normal variable."""
+SPIKE, FAR, ALONE, NOTABLE, MANY = 0.1, 4.0, -3, 0.01, 10.0
 """Smallest spike as a share of the range, and as a multiple of the 99 % quantile, since a million normal errors reach
-three; smallest error that has to have a cause, as a share
-of the range and as a multiple of the noise."""
+three, and of the third largest distance near it; rank of that; smallest error that has to have a cause, as a share of
+the range and as a multiple of the noise."""
 
 
 @dataclass(frozen=True)
@@ -99,19 +101,21 @@ class Signals:
 
 
 def repeated_output(s: Signals) -> str | None:
-    """Exact repeats among neighbours that change; without the ends of the range, which a limit repeats, the turns of
-    the drive, after which play rests, and samples at which the model rests."""
-    change, by_model = (np.abs(np.diff(signal, prepend=signal[:1])) for signal in (s.v, s.model))
-    step, least = np.diff(s.u, prepend=s.u[:1]), max(1.5 * _quantum(s.v), TINY)
+    """Exact repeats among neighbours that change, for which the next samples make up, as those of a stage that moves in
+    jumps do not; without the ends of the range, which a limit repeats, and the turns of the drive, after which play
+    rests."""
+    step, change, by_model = (np.diff(signal, prepend=signal[:1]) for signal in (s.u, s.v, s.model))
+    size, least = np.abs(change), max(1.5 * quantum_of(s.v), TINY)
     turns = (_nearby(step > TURNING) > 0.0) & (_nearby(step < -TURNING) > 0.0)
-    live = (_nearby(change > least) > LIVE) & ~turns & (s.v > s.v.min() + EXACT) & (s.v < s.v.max() - EXACT)
-    repeats = live & (change <= EXACT)
-    count = np.count_nonzero(repeats)
-    by_chance = 0.5 * (np.count_nonzero(live & (change < least)) - count)  # half as many as changes by one quantum
+    live = (_nearby(size > least) > LIVE) & ~turns & (s.v > s.v.min() + EXACT) & (s.v < s.v.max() - EXACT)
+    repeats = live & (size <= EXACT)
+    count, missed = np.count_nonzero(repeats), by_model[repeats]
+    by_chance = 0.5 * (np.count_nonzero(live & (size < least)) - count)  # half as many as changes by one quantum
     return (
         f"The output repeats exactly in {count} of {np.count_nonzero(live)} samples while it moves: samples are read "
         "twice."
-        if count >= FEW + CHANCE * by_chance and np.median(by_model[repeats]) > 0.5 * np.median(by_model[live]) - EXACT
+        if count >= FEW + CHANCE * by_chance
+        and missed @ np.roll(change - by_model, -1)[repeats] > 0.5 * (missed @ missed)
         else None
     )
 
@@ -120,7 +124,7 @@ def held_output(s: Signals) -> str | None:
     """Changes at one period, of an output whose drive does not rest between them."""
     change, moves = np.abs(np.diff(s.v)), np.abs(np.diff(s.u, prepend=s.u[:1])) > EXACT
     at = np.flatnonzero(change > EXACT) + 1
-    if at.size < FEW or change[at - 1].mean() < 2.0 * _quantum(s.v):
+    if at.size < FEW or change[at - 1].mean() < 2.0 * quantum_of(s.v):
         return None
     gaps = np.diff(at)
     period = float(gaps[gaps < 2.0 * np.quantile(gaps, 0.1)].mean())
@@ -135,12 +139,13 @@ def held_output(s: Signals) -> str | None:
 
 
 def spikes(s: Signals) -> str | None:
-    """Samples of the output far from both neighbours, and from the model, on one side, by more than the drive has just
-    moved: a mode overshoots by up to a step."""
-    moved = np.abs(np.diff(s.u, prepend=s.u[:1]))
+    """Samples of the output far from both neighbours, and from the model, on one side, by more than the drive moves
+    near them, since a mode overshoots by up to a step, and nearly alone, since one that rings does not end at once."""
     apart = np.minimum(*(np.abs(signal - median_filter(signal, 3)) for signal in (s.v, s.v - s.model)))
-    apart = apart - np.maximum(moved, np.roll(moved, 1))
-    found = apart[apart > max(SPIKE, FAR * float(np.quantile(apart, 0.99)))]
+    apart -= maximum_filter1d(np.abs(np.diff(s.u, prepend=s.u[:1])), NEAR)
+    found = apart[
+        apart > np.maximum(SPIKE, FAR * np.maximum(rank_filter(apart, ALONE, NEAR), np.quantile(apart, 0.99)))
+    ]
     return (
         f"The output has spikes in {found.size} sample{'s' * (found.size > 1)}, of up to "
         f"{percent(100.0 * found.max())} of the range; they are counted as if the stage moved."
@@ -158,7 +163,7 @@ def limit(s: Signals) -> str | None:
         u, v, flat_end = s.u[begins], np.array([np.median(rest) for rest in np.split(s.v, begins[1:])]), _flat_levels
     for side, which in ((1.0, "rises"), (-1.0, "falls")):
         level, flat = flat_end(side * u, side * v)
-        if flat > 2.0 * _quantum(s.v):
+        if flat > 2.0 * quantum_of(s.v):
             return (
                 f"The output stops abruptly at {quantity(s.low + s.span * side * level, s.recording.output_unit, 3)} "
                 f"while the drive still {which} by up to {percent(100.0 * flat)} of its range: the amplifier or the "
@@ -168,10 +173,10 @@ def limit(s: Signals) -> str | None:
 
 
 def slew_limit(s: Signals) -> str | None:
-    """Edges of large and small steps of one slope."""
-    edges = np.reshape([*_edges(s)], (-1, 2))
-    size, rise = edges[edges[:, 0] > LARGE * edges[:, 0].max(initial=0.0)].T
-    if size.size < 2 or size.max() == size.min() or np.median(rise) < 2.0:
+    """Edges of large and small steps of one slope: edges of equal steps differ in other ways."""
+    edges = np.reshape([*_edges(s)], (-1, 3))
+    size, step, rise = edges[edges[:, 0] > LARGE * edges[:, 0].max(initial=0.0)].T
+    if step.size < 2 or np.ptp(step) < UNEQUAL * step.max() or np.ptp(size) == 0.0 or np.median(rise) < 2.0:
         return None
     line, apart = linregress(np.log(size), np.log(size / rise)), size.size**0.5 * np.log(size).std()
     error = math.hypot(line.stderr, math.sqrt(UNEQUAL**2 + np.mean(1.0 / (6.0 * rise**2))) / apart)
@@ -186,7 +191,7 @@ def slew_limit(s: Signals) -> str | None:
 
 def lost_rows(s: Signals) -> str | None:
     """One shift of the output before some block, and another one after it."""
-    inner = s.v[SHIFTS:-SHIFTS]
+    inner, left = s.v[SHIFTS:-SHIFTS], list[float]()
     cuts = np.linspace(0, inner.size, BLOCKS + 1).astype(int)[:-1]
     for known, most in zip((s.model, s.u), SHIFTED, strict=True):  # what a model errs by a shift, the drive does not
         errors = (inner - known[shift : shift + inner.size] for shift in range(2 * SHIFTS + 1))
@@ -195,7 +200,8 @@ def lost_rows(s: Signals) -> str | None:
         after = whole[:, None] - before
         split = int(np.argmin(before[:, :-1].min(axis=0) + after[:, :-1].min(axis=0)))
         by = abs(int(np.argmin(before[:, split])) - int(np.argmin(after[:, split])))
-        if by and before[:, split].min() + after[:, split].min() < most * whole.min():
+        left.append((before[:, split].min() + after[:, split].min()) / whole.min())
+        if by and left[-1] < most and left[0] < HELPED:
             return (
                 f"The output shifts by {by} sample{'s' * (by > 1)} after about {s.time(cuts[split + 1] + SHIFTS)}: one "
                 "of the signals has lost rows."
@@ -204,29 +210,35 @@ def lost_rows(s: Signals) -> str | None:
 
 
 def clock_jitter(s: Signals) -> str | None:
-    """White errors whose variance grows with the square of the speed, by medians over groups of one speed: of a slow
-    error, third differences are smaller than first ones."""
+    """White errors whose variance grows with the square of the speed, by medians over groups of one speed, and not with
+    the speed, as where a stage moves in jumps: of these, and of a slow error, third differences are smaller than first
+    ones."""
     error, fast = s.v - s.model, np.gradient(s.model)[1:-2] ** 2
     third, first = np.diff(error, 3) ** 2 / 20.0, np.diff(error)[1:-1] ** 2 / 2.0  # of the variance of white errors
     groups = np.array_split(np.argsort(fast), GROUPS)
     fast, third, first = (np.maximum([np.median(each[at]) for at in groups], EXACT**2) for each in (fast, third, first))
-    (constant, slope), _ = nnls(np.column_stack([1.0 / third, fast / third]), np.ones(GROUPS))
-    left, white = np.log((constant + slope * fast + EXACT**2) / third), np.log(first / third)[GROUPS // 2 :]
+    fits = [nnls(np.column_stack([1.0 / third, grown / third]), np.ones(GROUPS))[0] for grown in (fast, fast**0.5)]
+    left, by_jumps = (
+        np.log((constant + slope * grown + EXACT**2) / third)
+        for (constant, slope), grown in zip(fits, (fast, fast**0.5), strict=True)
+    )
+    (constant, slope), white = fits[0], np.log(first / third)[GROUPS // 2 :]
     jitter, grows = float(np.sqrt(slope / MEDIAN)), slope * fast[-1] > constant
     return (
         "The error grows with the output's speed, as if the samples' times were uncertain by "
         f"{jitter:.2g} sampling periods ({s.time(jitter)}): the clock jitters."
         if grows
         and jitter > LEAST_JITTER
-        and max(np.abs(left).max(), np.abs(white).max()) < UNEVEN
-        and np.log(third).var() > CLEAR * np.mean(left**2)
+        and np.abs(left).max() < UNEVEN
+        and abs(white.mean()) < WHITE
+        and np.mean(by_jumps**2) > CLEAR * np.mean(left**2)
         else None
     )
 
 
 def unexplained(s: Signals) -> str | None:
     """An error far above the noise and the rounding of the output."""
-    error, rounding = s.v - s.model, _quantum(s.v) ** 2 / 12.0
+    error, rounding = s.v - s.model, quantum_of(s.v) ** 2 / 12.0
     rms, noise = np.sqrt(np.mean(error**2)), np.sqrt(np.median(np.diff(error, 3) ** 2) / (20.0 * MEDIAN) + rounding)
     return (
         f"The model leaves {percent(100.0 * rms)} of the range, {rms / noise:.2g} times the noise, which is none of "
@@ -259,7 +271,7 @@ def _nearby(values: Vector | Mask) -> Vector:
     return np.asarray(np.round(np.convolve(values, np.full(NEAR, 1.0 / NEAR), "same"), 9), dtype=np.float64)
 
 
-def _quantum(v: Vector) -> float:
+def quantum_of(v: Vector) -> float:
     """Smallest distance of two values of an output."""
     return float((apart := np.diff(np.unique(v)))[apart > EXACT].min(initial=1.0))
 
@@ -316,8 +328,9 @@ def _flat_levels(u: Vector, v: Vector) -> tuple[float, float]:
     return 0.0, 0.0
 
 
-def _edges(s: Signals) -> Iterator[tuple[float, int]]:
-    """Sizes of edges of the output, behind each of which the drive rests, and the samples from 20 to 80 % of it."""
+def _edges(s: Signals) -> Iterator[tuple[float, float, int]]:
+    """Sizes of edges of the output, behind each of which the drive rests, the steps of the drive, and the samples from
+    20 to 80 % of an edge."""
     moves = np.abs(np.diff(s.u, prepend=s.u[:1])) > 0.1 * TURNING
     begins = np.flatnonzero(moves & ~np.roll(moves, 1))
     for begin, end in pairwise((*begins.tolist(), s.u.size)):
@@ -325,7 +338,7 @@ def _edges(s: Signals) -> Iterator[tuple[float, int]]:
         size = abs(float(v[-3:].mean() - v[0]))
         drive, rise = _samples_of(u), _samples_of(v)
         if size > BEYOND and not moves[end - NEAR // 2 : end].any() and rise > LATER * drive:
-            yield size, rise
+            yield size, abs(float(u[-1] - u[0])), rise
 
 
 def _samples_of(edge: Vector) -> int:

@@ -161,8 +161,9 @@ class FitReport:
         if self.evidence.settling:
             what = f"The output settles by {abs(trend['change']):.2g} {unit}, as creep does after a movement"
         else:
-            clear = self.evidence.is_clear
-            drifting, cause = ("sensor", "") if clear else ("output", ", owing to creep or to the sensor")
+            drifting, cause = (
+                ("sensor", "") if self.evidence.is_clear else ("output", ", owing to creep or to the sensor")
+            )
             what = f"The {drifting} drifts by {trend['per_s']:.2g} {unit}/s{cause}"
         return (
             f"{what}. The model does not include the {self._trend_kind}; without it the RMS error is "

@@ -100,6 +100,7 @@ DESCRIBABLE: dict[str, Kind] = {
     "saturation without hysteresis": _on(lambda rng, u: np.tanh(rng.uniform(0.8, 2.5) * u)),
     "a straight line": _on(lambda rng, u: 3.0 * u + 1.0, noise=0.0),
     "a straight line in noise": _on(lambda rng, u: 3.0 * u + 1.0, noise=0.05),
+    "a straight line of a coarse sensor": _on(lambda rng, u: np.round(100.0 * u), noise=0.0),
     "a falling output": _on(lambda rng, u: -creeping(rng, u)),
     "one loop": _one_loop,
     "a staircase": _staircase,
