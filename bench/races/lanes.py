@@ -34,9 +34,10 @@ def chosen(settings: RaceSettings) -> list[Entry]:
             f"{path}: a solver is named with letters, digits, '_', '.', '+' and '-', and not {entry.name!r}",
             RaceError,
         )
-        check(
-            not any((other.name, other.lane) == (entry.name, entry.lane) for other in [*known, *selected]),
-            f"{path}: there is a solver {entry.name} in the lane {entry.lane} already; name it otherwise",
+        check(  # in no lane may it pass for the floor or for a known solver
+            entry.name not in {*names, null_solver.ENTRY.name}
+            and not any((other.name, other.lane) == (entry.name, entry.lane) for other in selected),
+            f"{path}: there is a solver {entry.name} already; name it otherwise",
             RaceError,
         )
         selected.append(entry)

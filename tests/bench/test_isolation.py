@@ -205,7 +205,12 @@ def test_neither_a_sleeping_process_nor_a_temporary_file_outlives_a_killed_race(
         (faulty_solvers.text("mine").replace("Lane.DIRECT", "'fast'"), "'fast' is not a valid Lane"),
         (faulty_solvers.text("mine").replace('"MIT"', "'MIT'; exponents = 'all'"), "could not convert string to float"),
         (faulty_solvers.text("mine").replace('"MIT"', "'MIT'; ladder = 9"), "cannot be loaded, TypeError"),
-        (faulty_solvers.text("daqp"), "there is a solver daqp in the lane direct already"),
+        (faulty_solvers.text("daqp"), "there is a solver daqp already"),
+        (faulty_solvers.text("null"), "there is a solver null already"),
+        (
+            faulty_solvers.text("box_active_set").replace("Lane.DIRECT", "Lane.QPSOLVERS"),
+            "there is a solver box_active_set already",
+        ),
         (faulty_solvers.text("../daqp"), "a solver is named with letters"),
     ],
 )
