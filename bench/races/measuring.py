@@ -6,7 +6,9 @@ difference is what the calls cost, whatever the child reports and wherever in a 
 above the median of the times, a few slow calls or another process are the reason, or calls that were answered ahead of
 the clock, with the data of their block. So a further block takes the place of those before, up to MAX_RETRIES times,
 and the time of an answer counts as no less than two thirds of what remains. Messages cost some hundreds of
-microseconds a block, which differ between two processes, so that less than UNSEEN_NS remains unseen.
+microseconds a block, which differ between two processes, so that less than UNSEEN_NS remains unseen. In a block of few
+calls that would be all of their time, and how many calls a block has follows from what the child reports. So there is
+at least one block whose calls take as long by their median, or are as many as there may be.
 
 A row holds the accuracy and the times of one measurement, independent of tiers.
 """
@@ -45,8 +47,6 @@ MAX_RETRIES = 4
 """Most further blocks in place of some whose processor time is far above that of their calls."""
 TRIALS = 3
 """Number of blocks of the null solver, of which the longest counts."""
-WARM_UP = 1
-"""Number of untimed rounds of interleaved tasks."""
 
 
 def requested(outcome: Outcome, q: Matrix = NOTHING, *times: str, fewest: int = 0) -> Outcome:
@@ -99,15 +99,19 @@ def timed(
     outcome = set_up(child, task, form)
     if outcome.failure:
         return outcome
-    blocks: list[Outcome] = []
-    size, done, spent_ns, retries, hidden = 1, 0, 0, 0, 0.0
-    while (goes_on := effort.goes_on(done, spent_ns)) or (
-        (hidden := hidden_ns(blocks, repeat(0.0)) and hidden_ns(blocks, _null_ns(null, task, form, fresh, blocks)))
-        and retries < MAX_RETRIES
+    blocks, most = list[Outcome](), min(effort.most, fresh.calls_at_once)
+    size, done, spent_ns, longest, needed, retries, hidden = 1, 0, 0, 0, 0, 0, 0.0
+    while (
+        (goes_on := effort.goes_on(done, spent_ns))
+        or longest < needed
+        or (
+            (hidden := hidden_ns(blocks, repeat(0.0)) and hidden_ns(blocks, _null_ns(null, task, form, fresh, blocks)))
+            and retries < MAX_RETRIES
+        )
     ):
-        n = min(size, fresh.calls_at_once, effort.most - done) if goes_on else max(len(own.answers) for own in blocks)
+        n = min(size, most, effort.most - done) if goes_on else max(longest, needed)
         if not goes_on:
-            retries, blocks = retries + 1, []
+            retries, blocks = retries + (longest >= needed), []
         most_ns = max(effort.budget_s * 1e9, LONG_NS if done < effort.fewest else 0.0) - spent_ns
         block = run_block(child, task, *fresh.block(done, done + n), most_ns if goes_on else math.inf)
         if block.failure:
@@ -115,6 +119,10 @@ def timed(
         blocks.append(block)
         done, spent_ns = done + len(block.answers), spent_ns + int(sum(ns.sum() for ns in block.times.values()))
         size = max(effort.fewest - done, math.ceil((effort.budget_s * 1e9 - spent_ns) * done / max(spent_ns, done)), 1)
+        longest, needed = (
+            max(len(own.answers) for own in blocks),
+            min(most, math.ceil(UNSEEN_NS / max(reported_ns(blocks), 1.0))),
+        )
     end = requested(
         child.ask(worker.further, task.key, TimedSolver.end, effort.budget_s, not form.windows), NOTHING, "setup"
     )
@@ -151,9 +159,13 @@ def scheduled(child: SolverChild, task: Task, form: CertifiedForm, fresh: FreshD
 def hidden_ns(blocks: Sequence[Outcome], null_ns: Iterable[float]) -> float:
     """Processor time of the calls beyond ``null_ns`` in each block; 0 if LEAST_SHARE of it is below the median time of
     the calls."""
-    us = np.concatenate([answers_us(block.times["update"], block.times["solve"]) for block in blocks])
     used_ns = sum(block.cpu_ns - ns - UNSEEN_NS for block, ns in zip(blocks, null_ns, strict=False))
-    return used_ns if LEAST_SHARE * used_ns > 1e3 * us.size * median(us) else 0.0
+    return used_ns if LEAST_SHARE * used_ns > sum(len(block.answers) for block in blocks) * reported_ns(blocks) else 0.0
+
+
+def reported_ns(blocks: Sequence[Outcome]) -> float:
+    """Median of the reported times of the calls."""
+    return 1e3 * median(np.concatenate([answers_us(block.times["update"], block.times["solve"]) for block in blocks]))
 
 
 def with_calls(outcome: Outcome, blocks: Sequence[Outcome], hidden: float = 0.0, first_call: int = 0) -> Outcome:
@@ -219,7 +231,7 @@ def interleave(
     outcomes = {task.key: set_up(children[task.solver, task.lane], task, form) for task in tasks}
     ready = [task for task in tasks if not outcomes[task.key].failure]
     blocks: dict[str, list[Outcome]] = {task.key: [] for task in ready}
-    for at in range(-WARM_UP * calls, fresh.count, calls):
+    for at in range(-calls, fresh.count, calls):  # the first round warms up
         chance.shuffle(ready)
         data = fresh.block(at, at + calls) if at >= 0 else fresh.block(fresh.count, fresh.count + calls)
         for task in list(ready):

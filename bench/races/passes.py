@@ -120,16 +120,24 @@ class Part:
             part.save(row_of(self.problem, task, outcome, fresh, self.proven, here), outcome.times)
 
         @cache
-        def fresh(place: int, timing: Timed, start: Start) -> FreshData:
-            """Data of a task, other for each setting of a solver, so that answers kept from another are of no use."""
+        def fresh(place: int, timing: Timed, start: Start, own: Path | None) -> FreshData:
+            """Data of a task, other for each setting of a solver and each file of a user's ``own``, so that answers
+            kept from another are of no use."""
             return FreshData(self.form, self.settings.schedule if timing == SCHEDULED else self._effort(timing).most)
 
-        for (_, _, timing, start), ladder in groupby(
+        for (solver, lane, timing, start), ladder in groupby(
             self.tasks, lambda task: (task.solver, task.lane, task.timed, task.start)
         ):
             if timing != INTERLEAVED:
                 self._ladder(
-                    part, save, pool, sentinel, [(task, fresh(i, timing, start)) for i, task in enumerate(ladder)]
+                    part,
+                    save,
+                    pool,
+                    sentinel,
+                    [
+                        (task, fresh(i, timing, start, pool.children[solver, lane].entry.path))
+                        for i, task in enumerate(ladder)
+                    ],
                 )
         for start in ("cold", "warm"):
             tasks = [task for task in self.tasks if (task.timed, task.start) == (INTERLEAVED, start)]

@@ -31,7 +31,7 @@ class Mine(Solver):
         self.set_data(P, q)
 
     def right(self, P, q):
-        for _ in range(5):  # slow, so that there is something to hide
+        for _ in range(2):  # slow, so that there is something to hide
             x = solve_problem(Problem(P, q, lb=self.lb, ub=self.ub), solver="daqp", primal_tol=1e-11).x
         return x
 
@@ -286,6 +286,24 @@ def update(self, P=None, q=None):
 
 def solve(self, warm_start=None):
     found = getattr(self, "ready", {}).get(self.q.tobytes())
+    return self.right(self.P, self.q) if found is None else found
+""",
+    "answers_one_at_a_time": """
+def setup(self, problem):
+    from bench.races import worker
+    self.problem, self.lb, self.ub, self.ready = problem, problem.lb, problem.ub, {}
+    self.set_data(problem.P, problem.q)
+    known = vars(worker).setdefault("kept", worker.TimedSolver.block)
+    def forged(bench, P, q, most_ns):
+        first = slice(1 if most_ns < np.inf else None)
+        bench.solver.ready = {qk.tobytes(): self.right(Pk, qk) for Pk, qk in zip(P[first], q[first])}
+        found = known(bench, P, q, most_ns)
+        found.answers, found.times = found.answers[first], {name: ns[first] for name, ns in found.times.items()}
+        return found
+    worker.TimedSolver.block = forged
+
+def solve(self, warm_start=None):
+    found = self.ready.get(self.q.tobytes())
     return self.right(self.P, self.q) if found is None else found
 """,
     "works_aside": """
