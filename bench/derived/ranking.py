@@ -83,8 +83,13 @@ def ranking(measurements: Measurements) -> list[Line]:
     gaps = distance(defaults).groupby([defaults.solver, defaults.lane]).max()
     lines = []
     cold = with_pace(supported(field[field.start == "cold"]))
-    raced = cold.drop_duplicates(["name", "solver", "lane", *PROBLEM])
-    lanes = raced.groupby(["name", "solver", "lane"], sort=False).size().reset_index(name="problems")
+    lanes = (  # by the tightest setting, for which the defaults do not stand
+        cold[cold.rung == cold.groupby(["name", "lane"]).rung.transform("max")]
+        .drop_duplicates(["name", "solver", "lane", *PROBLEM])
+        .groupby(["name", "solver", "lane"], sort=False)
+        .size()
+        .reset_index(name="problems")
+    )
     for name, solver, lane, problems in lanes.itertuples(index=False):
         of_lane = settings[(settings.solver == solver) & (settings.lane == lane)]
         of_lane = of_lane.assign(us=[us.get((name, lane, tier), math.nan) for tier in of_lane.tier])

@@ -42,7 +42,9 @@ def on_schedule(measurements: Measurements) -> pd.DataFrame:
     first, then those that keep the schedule, by median response time."""
     rows, times = measurements.all_rows, measurements.raw_times
     rows = rows[(rows.timed == SCHEDULED) & (rows.host == measurements.host)]
-    rows = rows.merge(times.loc[times.what == "response", [*MEASUREMENT, "ns"]], on=MEASUREMENT)
+    rows = rows[rows.scaling.isin(rows.scaling[rows.solver == NULL_SOLVER])].merge(
+        times.loc[times.what == "response", [*MEASUREMENT, "ns"]], on=MEASUREMENT
+    )
     table = combined(rows, COLUMNS, GROUP)
     floors = table[table.solver == NULL_SOLVER].set_index("scaling")
     figures = []

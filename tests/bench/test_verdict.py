@@ -79,6 +79,18 @@ LANES = [
         pytest.param(
             FEWER[-4:], False, {"lost": None, "slow (1 problem)": None}, id="raced on fewer problems, and so the last"
         ),
+        pytest.param(
+            [
+                *FEWER[-4:],
+                *(
+                    row(problem=name, solver="slow", lane="cvxpy", setting="{}", rung=-1, is_default=True)
+                    for name in RIGHT
+                ),
+            ],
+            False,
+            {"lost": None, "slow (1 problem)": None},
+            id="raced on fewer problems except at its defaults",
+        ),
     ],
 )
 def test_the_table_has_the_times_of_each_lane_in_the_order_of_its_accuracy(
