@@ -131,11 +131,11 @@ def check_adequacy(recording: Recording, fitted: ForwardFit, skip: int, fit: Fit
     error, line = (max(percents / 100.0, FLOOR) for percents in (expected, fit.line_percent))
     own = v - y_model[counted] / fit.span
     follows = line < FOLLOWS * float(v.std())
-    no_worse = LOOPS * fit.rms_percent <= 100.0 * line
+    rounded = ROUNDED if 2 * np.unique(v).size < v.size else 0.0  # the errors are white where hardly a value repeats
     noise = (
         follows
-        and no_worse
-        and (line <= max(FLOOR, ROUNDED * quantum_of(signals.v)) or abs(1.0 - roughness(own)) < WHITE)
+        and LOOPS * fit.rms_percent <= 100.0 * line
+        and (line <= max(FLOOR, rounded * quantum_of(signals.v)) or abs(1.0 - roughness(own)) < WHITE)
     )
     period = 2.0 * math.pi / math.acos(1.0 - min(max(roughness(u), ROUGH), 2.0))
     reasons = applicable(
