@@ -14,7 +14,7 @@ import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 
 from piezo_model.identification.error_model import counted_from, percent_of
-from piezo_model.identification.faults import NOTABLE, Signals, faults_of, quantum_of, residual, unexplained
+from piezo_model.identification.faults import NOTABLE, TINY, Signals, faults_of, quantum_of, residual, unexplained
 from piezo_model.identification.forward import ForwardFit
 from piezo_model.identification.start import HEAD, first_motion
 from piezo_model.recordings import Recording
@@ -32,9 +32,10 @@ output's deviation at which the output follows the drive."""
 ROUGH, COVERED = 0.3, 0.3
 """1 − correlation of neighbouring samples of a drive of about eight samples a period; smallest share of the drive's
 range that more than a single branch crosses both ways: small loops at one end say nothing of those over the whole."""
-POOR, OUTLYING = 0.06, 10.0
-"""Smallest error of a model, as a share of the range, of an output that falls and rises again, and smallest ratio of an
-outlier's distance from the median to that of any other sample."""
+TURNS, CURVED, OPPOSITE, POOR, OUTLYING = 0.02, 0.15, 0.1, 0.06, 10.0
+"""Of an output that falls and rises again: smallest error of a model, as a share of the range, share of a parabola in
+the variance, and ratio of opposite slopes; smallest error if the output is no parabola; smallest ratio of an outlier's
+distance from the median to that of any other sample."""
 BASELINE_SAMPLES = 1_000_000
 """Most samples, spread over the recording, to which a line and a cubic are fitted."""
 
@@ -129,13 +130,14 @@ def check_adequacy(recording: Recording, fitted: ForwardFit, skip: int, fit: Fit
     free = int(np.count_nonzero(fitted.free))
     expected = fit.rms_percent * math.sqrt((fit.samples + free) / max(1, fit.samples - free))
     error, line = (max(percents / 100.0, FLOOR) for percents in (expected, fit.line_percent))
-    own = v - y_model[counted] / fit.span
-    follows = line < FOLLOWS * float(v.std())
-    rounded = ROUNDED if 2 * np.unique(v).size < v.size else 0.0  # the errors are white where hardly a value repeats
     noise = (
-        follows
+        line < FOLLOWS * float(v.std())
         and LOOPS * fit.rms_percent <= 100.0 * line
-        and (line <= max(FLOOR, rounded * quantum_of(signals.v)) or abs(1.0 - roughness(own)) < WHITE)
+        and (
+            abs(1.0 - roughness(v - y_model[counted] / fit.span)) < WHITE
+            # the error of rounding is white, too, where hardly a value repeats
+            or line <= max(FLOOR, ROUNDED * quantum_of(signals.v) * (2 * np.unique(v).size < v.size))
+        )
     )
     period = 2.0 * math.pi / math.acos(1.0 - min(max(roughness(u), ROUGH), 2.0))
     reasons = applicable(
@@ -147,7 +149,7 @@ def check_adequacy(recording: Recording, fitted: ForwardFit, skip: int, fit: Fit
             "on which hysteresis depends, are lost",
         ),
         (
-            not (follows or faults) and error > POOR and roughness(v) < ROUGH,
+            not faults and falls_and_rises(signals, error),
             "the output falls and rises again on one way of the drive, as the butterfly of a strain over a field does, "
             "or an output that rings or is late",
         ),
@@ -174,6 +176,22 @@ def applicable(*sentences: tuple[object, object]) -> Iterator[str]:
     return (str(sentence) for applies, sentence in sentences if applies)
 
 
+def falls_and_rises(s: Signals, error: float) -> bool:
+    """Whether the output of a model with an error falls and rises again on one way of the drive: its slopes in the
+    outer thirds of the drive's range have opposite signs, and a parabola explains a good share of the variance that a
+    line leaves, while saturation ends at a slope of 0, and ringing and noise have no part in a parabola. Of a wide
+    butterfly, which is no parabola either, it is only known that it is smooth and does not follow the drive."""
+    first, last = (
+        covariance / max(variance, TINY)
+        for (variance, covariance), _ in (np.cov(s.u[at], s.v[at], bias=True) for at in (s.u < 1 / 3, s.u > 2 / 3))
+    )
+    whole, line, parabola = (residual(chebvander(s.u, degree), s.v).var() for degree in range(3))
+    return bool(
+        (error > TURNS and line - parabola > CURVED * whole and -first * last > OPPOSITE * max(first**2, last**2))
+        or (error > POOR and line > FOLLOWS**2 * whole and roughness(s.v) < ROUGH)
+    )
+
+
 def is_monotonic(x: Vector) -> bool:
     """Whether a drive (N,) is nearly a single branch: it never crosses a share of its range, COVERED, both ways, or
     has its samples of one way nearly in one place, as a sawtooth.
@@ -186,10 +204,13 @@ def is_monotonic(x: Vector) -> bool:
     >>> is_monotonic(np.arange(3000) % 100)
     True
     """
-    covered = (np.max(way - np.minimum.accumulate(way)) for way in (x, -x))
     falls = np.diff(x, prepend=x[:1]) < 0.0
-    sampled = (np.ptp(x[falls]) if falls.any() else 0.0, np.ptp(x[~falls]))
-    return bool(min(*covered, *sampled) < COVERED * np.ptp(x))
+    reached = (
+        *(np.max(way - np.minimum.accumulate(way)) for way in (x, -x)),
+        np.ptp(x[falls]) if falls.any() else 0.0,
+        np.ptp(x[~falls]),
+    )
+    return bool(min(reached) < COVERED * np.ptp(x))
 
 
 def roughness(u: Vector) -> float:
