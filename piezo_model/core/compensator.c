@@ -133,10 +133,10 @@ num N(compensator_step)(const Compensator *c, num y_ref, const Change *change)
 
 void N(compensator_balance)(const Compensator *c, num which)
 {
-    set_where(which, &c->memory->target, constant((real)NAN));
     if (c->shape.ring > 0) {
         N(prefilter_balance)(&c->prefilter, c->shape, which, output_of(c, creep_sum(c)), c->play, c->creep);
     }
+    set_where(which, &c->memory->target, constant((real)NAN));
 }
 
 num N(compensator_now)(const Compensator *c)
