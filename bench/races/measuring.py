@@ -8,7 +8,7 @@ the clock, with the data of their block. So a further block takes the place of t
 and the time of an answer counts as no less than two thirds of what remains. Messages cost some hundreds of
 microseconds a block, which differ between two processes, so that less than UNSEEN_NS remains unseen. In a block of few
 calls that would be all of their time, and how many calls a block has follows from what the child reports. So there is
-at least one block whose calls take as long by their median, or are as many as there may be.
+at least one block whose calls take LONG_BLOCK times as long by their median, or are as many as there may be.
 
 A row holds the accuracy and the times of one measurement, independent of tiers.
 """
@@ -43,8 +43,9 @@ PER_CALL = ("update", "solve", "sample")
 """Names of times, and of the sample, that there are of each call."""
 UNSEEN_NS = 250_000
 """Processor time of a block by which two processes may differ that do the same."""
-MAX_RETRIES = 4
-"""Most further blocks in place of some whose processor time is far above that of their calls."""
+MAX_RETRIES, LONG_BLOCK = 4, 4.0
+"""Most further blocks in place of some whose processor time is far above that of their calls; time of the calls of at
+least one block, in units of what remains unseen."""
 TRIALS = 3
 """Number of blocks of the null solver, of which the longest counts."""
 
@@ -121,7 +122,7 @@ def timed(
         size = max(effort.fewest - done, math.ceil((effort.budget_s * 1e9 - spent_ns) * done / max(spent_ns, done)), 1)
         longest, needed = (
             max(len(own.answers) for own in blocks),
-            min(most, math.ceil(UNSEEN_NS / max(reported_ns(blocks), 1.0))),
+            min(most, math.ceil(LONG_BLOCK * UNSEEN_NS / max(reported_ns(blocks), 1.0))),
         )
     end = requested(
         child.ask(worker.further, task.key, TimedSolver.end, effort.budget_s, not form.windows), NOTHING, "setup"
