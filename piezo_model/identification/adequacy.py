@@ -136,7 +136,7 @@ def check_adequacy(recording: Recording, fitted: ForwardFit, skip: int, fit: Fit
         and (
             abs(1.0 - roughness(v - y_model[counted] / fit.span)) < WHITE
             # the error of rounding is white, too, where hardly a value repeats
-            or line <= max(FLOOR, ROUNDED * quantum_of(signals.v) * (2 * np.unique(v).size < v.size))
+            or line <= max(FLOOR, ROUNDED * quantum_of(signals.v) * (2 * np.unique(signals.v).size < signals.v.size))
         )
     )
     period = 2.0 * math.pi / math.acos(1.0 - min(max(roughness(u), ROUGH), 2.0))
@@ -149,7 +149,7 @@ def check_adequacy(recording: Recording, fitted: ForwardFit, skip: int, fit: Fit
             "on which hysteresis depends, are lost",
         ),
         (
-            not faults and falls_and_rises(signals, error),
+            not faults and error > TURNS and falls_and_rises(signals, error),
             "the output falls and rises again on one way of the drive, as the butterfly of a strain over a field does, "
             "or an output that rings or is late",
         ),
@@ -177,17 +177,18 @@ def applicable(*sentences: tuple[object, object]) -> Iterator[str]:
 
 
 def falls_and_rises(s: Signals, error: float) -> bool:
-    """Whether the output of a model with an error falls and rises again on one way of the drive: its slopes in the
-    outer thirds of the drive's range have opposite signs, and a parabola explains a good share of the variance that a
-    line leaves, while saturation ends at a slope of 0, and ringing and noise have no part in a parabola. Of a wide
-    butterfly, which is no parabola either, it is only known that it is smooth and does not follow the drive."""
+    """Whether an output, of whose range a model has an ``error`` above TURNS, falls and rises again on one way of the
+    drive: its slopes in the outer thirds of the drive's range have opposite signs, and a parabola explains a good share
+    of the variance that a line leaves, while saturation ends at a slope of 0, and ringing and noise have no part in a
+    parabola. Of a wide butterfly, which is no parabola either, it is only known that it is smooth and does not follow
+    the drive."""
     first, last = (
         covariance / max(variance, TINY)
         for (variance, covariance), _ in (np.cov(s.u[at], s.v[at], bias=True) for at in (s.u < 1 / 3, s.u > 2 / 3))
     )
     whole, line, parabola = (residual(chebvander(s.u, degree), s.v).var() for degree in range(3))
     return bool(
-        (error > TURNS and line - parabola > CURVED * whole and -first * last > OPPOSITE * max(first**2, last**2))
+        (line - parabola > CURVED * whole and -first * last > OPPOSITE * max(first**2, last**2))
         or (error > POOR and line > FOLLOWS**2 * whole and roughness(s.v) < ROUGH)
     )
 
