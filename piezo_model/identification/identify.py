@@ -297,10 +297,11 @@ class Identification(JointStart):
         if fit.cost > self.view.initial.fit.cost:  # outside the model class the predicted weights are far off
             other = fit_from(guess.states, v, self.levels)
             fit = min(fit, other, key=lambda fit: fit.cost)
-        if (trend := self.evidence.trend) is not None:
-            other = fit_from(fit.states, fit.v, self.levels.append(self.evidence.trend_column(recording)))
-            if fit.improved_by(other, 1):
-                return FinalFit(problem, optimal, other, trend)
+        beside = self.evidence.trend and fit_from(
+            fit.states, fit.v, self.levels.append(self.evidence.trend_column(recording))
+        )
+        if beside and fit.improved_by(beside, 1):
+            return FinalFit(problem, optimal, beside, self.evidence.trend)
         return FinalFit(problem, optimal, fit, None)
 
     def judge(self, final: FinalFit) -> Judgement:

@@ -3,9 +3,10 @@
 Let ŷ be the output of a first fit, e = y − ŷ its error and s the slope of its S⁻¹ at ŷ. The output of a candidate is
 ŷ + (x + Ξ(x, ŷ)ᵀw) / s up to second order in the difference, so its error
 
-    e − (x + Ξ(x, ŷ)ᵀw) / s
+    e − (w_H0 x + Ξ(x, ŷ)ᵀw) / s
 
-is linear in the weights, without the noise of y among the regressors. One pass gives the Gram matrix of the columns
+is linear in the weights, without the noise of y among the regressors. The slope of the middle piece of S⁻¹ is given,
+and not w_H0 = 1, since small slopes would make any error small. One pass gives the Gram matrix of the columns
 
     x/s,  H_r [x]/s for all thresholds r,  −S_r' (ŷ)/s for all dead zones r',  z_r/s for all thresholds r,  1/s,  e,  t
 
@@ -30,12 +31,12 @@ from scipy.ndimage import median_filter
 
 from piezo_model.identification.creep import CreepEvidence
 from piezo_model.identification.error_model import ProgramSolver, States, percent_of
-from piezo_model.identification.forward import Columns, ForwardFit, bounds, piece_slopes
+from piezo_model.identification.forward import MAX_SLOPE, Columns, ForwardFit, bounds, piece_slopes
 from piezo_model.identification.gram_matrix import gram_of
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
 from piezo_model.structure import ModelStructure
-from solvers.arrays import Mask, Matrix, Vector
+from solvers.arrays import Index, Mask, Matrix, Vector
 
 HYSTERESIS_ORDERS, SUPERPOSITION_ORDERS = (1, 2, 3, 5, 8, 12, 20), (0, 1, 2, 3, 5, 8)
 SAMPLES, FEWEST_PER_WEIGHT, NEIGHBOURS = 100_000, 4, 31
@@ -148,29 +149,32 @@ def select(
 
     Candidates with too many weights for the samples are omitted, except the first.
     """
-    most = np.count_nonzero(fit.counted) / FEWEST_PER_WEIGHT
+    counted = np.flatnonzero(fit.counted)
+    at, most = counted[:: math.ceil(counted.size / SAMPLES)], counted.size / FEWEST_PER_WEIGHT
     independent = max(fit.independent, determined.independent, _beyond_noise(fit))
     candidates, further = [], levels.append(determined.trend_column(fit.recording))
     for own in rates:
         orders = [with_orders(fit.structure, n, m, own) for n, m in product(ns, ms)]
         orders = [s for s in orders if s.d < most] or orders[:1]
         union = union_of(orders)
-        gram = _gram(fit, union, further.signals, qp_solver)
+        gram = _gram(fit, at, union, further.signals, qp_solver)
         candidates += [
-            _candidate(s, fit, union, *gram, further, determined, independent, qp_solver, span) for s in orders
+            _candidate(s, fit, at, union, *gram, further, determined, independent, qp_solver, span) for s in orders
         ]
     return Selection(tuple(sorted(candidates, key=lambda candidate: candidate.bic)))
 
 
 def _gram(
     fit: ForwardFit,
+    at: Index,
     union: ModelStructure,
     further: Matrix,
     qp_solver: ProgramSolver,
 ) -> tuple[Matrix, Mask]:
-    """Means of the products of x/s, Ξ/s, e and further columns (N, k), and which of the columns Ξ moved."""
-    s, counted, chosen = fit.structure, np.flatnonzero(fit.counted), np.zeros(fit.counted.size, dtype=bool)
-    chosen[counted[:: math.ceil(counted.size / SAMPLES)]] = True
+    """Means over the samples ``at`` of the products of x/s, Ξ/s, e and further columns (N, k), and which of the columns
+    Ξ moved."""
+    s, chosen = fit.structure, np.zeros(fit.counted.size, dtype=bool)
+    chosen[at] = True
     slopes, states = piece_slopes(s, fit.v, fit.static), [state_on(s, state, union) for state in fit.states]
     qp_solver.passes += 1
     unfiltered = np.column_stack([fit.error, further])
@@ -216,6 +220,7 @@ def noise_floor(recording: Recording, counted: Mask, error: Vector) -> float:
 def _candidate(
     s: ModelStructure,
     fit: ForwardFit,
+    at: Index,
     union: ModelStructure,
     gram: Matrix,
     moved: Mask,
@@ -227,26 +232,37 @@ def _candidate(
 ) -> Candidate:
     """The fit of one structure, and of a trend if there is one, from the Gram matrix."""
     find, (_, zones, creeps) = np.searchsorted, union.slices
-    of = np.r_[  # its unknowns among those of the union
+    of = np.r_[  # its weights among those of the union
         find(union.play_thresholds, s.play_thresholds),
         zones.start + find(union.dead_zone_thresholds, s.dead_zone_thresholds),
         creeps.start + find(union.thresholds, s.thresholds)[: s.creep_weights],
         np.full(int(s.offset), union.d - 1),
     ]
-    x, e, k = 0, union.d + 1, further.lb.size
-    T = np.eye(s.d + k)
-    T[: s.d, : s.d] = s.slope_map
-    columns = np.append(1 + of, e + 1 + np.arange(k))
-    P, q = T.T @ gram[np.ix_(columns, columns)] @ T, T.T @ (gram[columns, x] - gram[columns, e])
-    c = gram[e, e] - 2.0 * gram[e, x] + gram[x, x]
-    box = bounds(s, further, determined.creep_limits(s, fit))
-    reference = np.append(s.inverse_slope_map @ s.straight_line, np.zeros(k))
-    free = np.r_[moved[of], np.full(k, True)] & (np.diag(P) > 0.0)
-    z = np.where(free, 0.0, reference)
-    at = np.ix_(free, free)
-    z[free] = qp_solver.minimise(P[at], q[free] + (P @ z)[free], box.lb[free], box.ub[free], reference[free])
-    cost = max(float(z @ P @ z + 2.0 * q @ z + c), 0.0) + EXACT
-    unknowns = np.count_nonzero(box.inactive(z)[: s.d])
-    bic = independent * math.log(cost) + unknowns * math.log(independent)
-    states = [state_on(fit.structure, state, s) for state in fit.states]
-    return Candidate(s, states, z[: s.d], percent_of(span, abs(s.y_scale) * math.sqrt(cost)), bic)
+    e, k = union.d + 1, further.lb.size
+    T = np.eye(1 + s.d + k)
+    T[1 : 1 + s.d, 1 : 1 + s.d] = s.slope_map
+    columns = np.r_[0, 1 + of, e + 1 + np.arange(k)]
+    P, q = T.T @ gram[np.ix_(columns, columns)] @ T, -T.T @ gram[columns, e]
+    box, slope = bounds(s, further, determined.creep_limits(s, fit)), _middle_slope(s, fit, at)
+    lb, ub = np.append(slope / MAX_SLOPE, box.lb), np.append(np.inf, box.ub)
+    z = np.concatenate([[1.0], slope * s.inverse_slope_map @ s.straight_line, np.zeros(k)])
+    free = np.r_[True, moved[of], np.full(k, True)] & (np.diag(P) > 0.0) & (np.arange(z.size) != 1 + s.n + s.middle)
+    z[free] = qp_solver.minimise(
+        P[np.ix_(free, free)], (q + P @ np.where(free, 0.0, z))[free], lb[free], ub[free], z[free]
+    )
+    cost = max(float(z @ P @ z + 2.0 * q @ z + gram[e, e]), 0.0) + EXACT
+    return Candidate(
+        s,
+        [state_on(fit.structure, state, s) for state in fit.states],
+        z[1 : 1 + s.d] / z[0],
+        percent_of(span, abs(s.y_scale) * math.sqrt(cost)),
+        independent * math.log(cost) + np.count_nonzero(box.inactive(z[1:])[: s.d]) * math.log(independent),
+    )
+
+
+def _middle_slope(s: ModelStructure, fit: ForwardFit, at: Index) -> float:
+    """Slope of S⁻¹ in the middle piece of a structure with which the errors there, of the samples ``at``, are as large
+    as in a fit."""
+    y = np.append(fit.static[at], 0.0)  # the middle of its range is in the piece, if no sample is
+    inside = np.abs(y) <= (*s.dead_zone_thresholds[s.middle + 1 :], math.inf)[0]
+    return float(np.mean(piece_slopes(fit.structure, fit.v, y[inside]) ** -2.0)) ** -0.5
