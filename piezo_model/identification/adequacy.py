@@ -1,9 +1,9 @@
 """The errors of a model, compared with those of a line and a cubic, and whether the model is adequate.
 
-It is refused if its error exceeds NO_BETTER of a line's, unless what it leaves is white and small beside the output:
-loops in noise, or a line. As its d weights are fitted to the N samples, the error of the next ones is larger by
-√((N + d) / (N − d)). An outlier of the output, a drive whose turning points lie between its samples, and an output that
-falls and rises again are refused by their names. A refusal is one sentence.
+It is refused if its error exceeds NO_BETTER of a line's and USEFUL of the output's deviation, unless what it leaves is
+white and smaller than the output: loops in noise, or a line. As its d weights are fitted to the N samples, the error of
+the next ones is larger by √((N + d) / (N − d)). An outlier of the output, a drive whose turning points lie between its
+samples, and an output that falls and rises again are refused by their names. A refusal is one sentence.
 """
 
 import math
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 
 from piezo_model.identification.error_model import counted_from, percent_of
-from piezo_model.identification.faults import NOTABLE, TINY, Signals, faults_of, quantum_of, residual, unexplained
+from piezo_model.identification.faults import NOTABLE, TINY, Signals, faults_of, residual, unexplained
 from piezo_model.identification.forward import ForwardFit
 from piezo_model.identification.start import HEAD, first_motion
 from piezo_model.recordings import Recording
@@ -22,13 +22,13 @@ from piezo_model.structure import ModelStructure
 from piezo_model.units import LENGTHS, SMALLEST_PERCENT, VOLTAGES, percent, quantity
 from solvers.arrays import Vector
 
-NO_BETTER, IGNORED, UNDERSAMPLED, LOOPS = 0.6, 0.92, 0.5, 0.99
+NO_BETTER, IGNORED, UNDERSAMPLED, LOOPS, USEFUL = 0.6, 0.92, 0.5, 0.99, 0.05
 """Largest ratio of a model's error to the line's at which the model is better (it explains two thirds of the squares),
-that if dynamics are ignored on purpose, that for an undersampled drive, and that at which there are loops in noise."""
-FLOOR, ROUNDED, WHITE, FOLLOWS = 1e-9, 0.5, 0.4, 0.75
-"""Error at the level of rounding, as a share of the range, and largest error that an output's rounding explains, as a
-share of its quantum; largest correlation of neighbouring samples in noise; largest ratio of the line's error to the
-output's deviation at which the output follows the drive."""
+that if dynamics are ignored on purpose, that for an undersampled drive, and that at which there are loops in noise;
+largest ratio of a model's error to the output's deviation at which it is useful although a line is as good."""
+WHITE, FOLLOWS = 0.4, 0.75
+"""Largest correlation of neighbouring samples in noise; largest ratio of the line's error to the output's deviation at
+which the output follows the drive."""
 ROUGH, COVERED = 0.3, 0.3
 """1 − correlation of neighbouring samples of a drive of about eight samples a period; smallest share of the drive's
 range that more than a single branch crosses both ways: small loops at one end say nothing of those over the whole."""
@@ -129,15 +129,11 @@ def check_adequacy(recording: Recording, fitted: ForwardFit, skip: int, fit: Fit
     u, v = s.unit_input(recording.x[counted]), recording.y[counted] / fit.span
     free = int(np.count_nonzero(fitted.free))
     expected = fit.rms_percent * math.sqrt((fit.samples + free) / max(1, fit.samples - free))
-    error, line = (max(percents / 100.0, FLOOR) for percents in (expected, fit.line_percent))
+    error, line = (percents / 100.0 for percents in (expected, fit.line_percent))
     noise = (
         line < FOLLOWS * float(v.std())
         and LOOPS * fit.rms_percent <= 100.0 * line
-        and (
-            abs(1.0 - roughness(v - y_model[counted] / fit.span)) < WHITE
-            # the error of rounding is white, too, where hardly a value repeats
-            or line <= max(FLOOR, ROUNDED * quantum_of(signals.v) * (2 * np.unique(signals.v).size < signals.v.size))
-        )
+        and abs(1.0 - roughness(v - y_model[counted] / fit.span)) < WHITE
     )
     period = 2.0 * math.pi / math.acos(1.0 - min(max(roughness(u), ROUGH), 2.0))
     reasons = applicable(
@@ -154,7 +150,7 @@ def check_adequacy(recording: Recording, fitted: ForwardFit, skip: int, fit: Fit
             "or an output that rings or is late",
         ),
         (
-            not noise and error > (IGNORED if dynamics_ignored else NO_BETTER) * line,
+            not noise and error > max((IGNORED if dynamics_ignored else NO_BETTER) * line, USEFUL * float(v.std())),
             "the model class does not describe these data",
         ),
     )

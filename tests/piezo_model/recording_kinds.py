@@ -101,6 +101,7 @@ DESCRIBABLE: dict[str, Kind] = {
     "a straight line": _on(lambda rng, u: 3.0 * u + 1.0, noise=0.0),
     "a straight line in noise": _on(lambda rng, u: 3.0 * u + 1.0, noise=0.05),
     "a straight line of a coarse sensor": _on(lambda rng, u: np.round(100.0 * u), noise=0.0),
+    "a straight line and a drift": _on(lambda rng, u: 3.0 * u + np.linspace(0.0, 0.3, u.size), drive_form=5),
     "a falling output": _on(lambda rng, u: -creeping(rng, u)),
     "one loop": _one_loop,
     "a staircase": _staircase,
