@@ -231,7 +231,13 @@ def layout_of(
         if all(kind not in VALUES or cell in (kind, "empty") for cell, kind in zip(row, kinds, strict=True))
     )
     start = next(good, min(rows))
-    while ("number", "number") in zip(rows.get(start - 1, ()), kinds, strict=False):  # a damaged row, not a header
+    while (
+        ("number", "number") in zip(rows.get(start - 1, ()), kinds, strict=False)
+        or (  # a damaged row, not a header
+            start > first
+            and dialect.kinds(lines[start - 1])[: len(kinds)] == [*kinds]  # or one with a remark behind it
+        )
+    ):
         start -= 1
     header, names, units, glued = _headed(lines, dialect, start, kinds, header_row)
     if header_row and header != header_row - 1:

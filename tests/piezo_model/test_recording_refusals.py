@@ -73,6 +73,7 @@ REFUSED: list[tuple[list[str], dict[str, Any], str]] = [
         ([HEADER, "0,1,2", row, "2,3,3.5"], {}, f"row 3 (data row 2) has {cells} columns where the others have 3")
         for row, cells in (("1,2", 2), ("1,2,3,4", 4), ("1", 1))
     ),
+    ([HEADER, "0,1,2,remark", "1,2,3", "2,3,3.5"], {}, "row 2 (data row 1) has 4 columns where the others have 3"),
     # cells
     (
         ["t;u;y", "0.0;1.5;2.5", "0.1;1,5;2.5", "0.2;1.5;2.5"],
