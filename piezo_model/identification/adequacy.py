@@ -127,11 +127,11 @@ def check_adequacy(recording: Recording, fitted: ForwardFit, skip: int, fit: Fit
     signals = Signals.of(recording, y_model, skip, math.copysign(fit.span, s.y_scale))
     faults = faults_of(signals)
     u, v = s.unit_input(recording.x[counted]), recording.y[counted] / fit.span
-    free = int(np.count_nonzero(fitted.free))
+    free, deviation = int(np.count_nonzero(fitted.free)), float(v.std())
     expected = fit.rms_percent * math.sqrt((fit.samples + free) / max(1, fit.samples - free))
     error, line = (percents / 100.0 for percents in (expected, fit.line_percent))
     noise = (
-        line < FOLLOWS * float(v.std())
+        line < FOLLOWS * deviation
         and LOOPS * fit.rms_percent <= 100.0 * line
         and abs(1.0 - roughness(v - y_model[counted] / fit.span)) < WHITE
     )
@@ -150,7 +150,7 @@ def check_adequacy(recording: Recording, fitted: ForwardFit, skip: int, fit: Fit
             "or an output that rings or is late",
         ),
         (
-            not noise and error > max((IGNORED if dynamics_ignored else NO_BETTER) * line, USEFUL * float(v.std())),
+            not noise and error > max((IGNORED if dynamics_ignored else NO_BETTER) * line, USEFUL * deviation),
             "the model class does not describe these data",
         ),
     )

@@ -153,13 +153,17 @@ def select(
     at, most = counted[:: math.ceil(counted.size / SAMPLES)], counted.size / FEWEST_PER_WEIGHT
     independent = max(fit.independent, determined.independent, _beyond_noise(fit))
     candidates, further = [], levels.append(determined.trend_column(fit.recording))
+    middle_slopes = {2 * m + 1: _middle_slope(with_orders(fit.structure, ns[0], m, ()), fit, at) for m in ms}
     for own in rates:
         orders = [with_orders(fit.structure, n, m, own) for n, m in product(ns, ms)]
         orders = [s for s in orders if s.d < most] or orders[:1]
         union = union_of(orders)
         gram = _gram(fit, at, union, further.signals, qp_solver)
         candidates += [
-            _candidate(s, fit, at, union, *gram, further, determined, independent, qp_solver, span) for s in orders
+            _candidate(
+                s, fit, middle_slopes[s.dead_zones], union, *gram, further, determined, independent, qp_solver, span
+            )
+            for s in orders
         ]
     return Selection(tuple(sorted(candidates, key=lambda candidate: candidate.bic)))
 
@@ -177,9 +181,14 @@ def _gram(
     chosen[at] = True
     slopes, states = piece_slopes(s, fit.v, fit.static), [state_on(s, state, union) for state in fit.states]
     qp_solver.passes += 1
-    unfiltered = np.column_stack([fit.error, further])
     return gram_of(
-        fit.recording, chosen, union, [states], fit.y_model, lambda _, at, rows: rows / slopes[at, None], unfiltered
+        fit.recording,
+        chosen,
+        union,
+        [states],
+        fit.y_model,
+        lambda _, at, rows: rows / slopes[at, None],
+        np.column_stack([fit.error, further]),
     )
 
 
@@ -220,7 +229,7 @@ def noise_floor(recording: Recording, counted: Mask, error: Vector) -> float:
 def _candidate(
     s: ModelStructure,
     fit: ForwardFit,
-    at: Index,
+    slope: float,
     union: ModelStructure,
     gram: Matrix,
     moved: Mask,
@@ -230,7 +239,8 @@ def _candidate(
     qp_solver: ProgramSolver,
     span: float,
 ) -> Candidate:
-    """The fit of one structure, and of a trend if there is one, from the Gram matrix."""
+    """The fit of one structure with the slope of the middle piece of S⁻¹, and of a trend if there is one, from the Gram
+    matrix."""
     find, (_, zones, creeps) = np.searchsorted, union.slices
     of = np.r_[  # its weights among those of the union
         find(union.play_thresholds, s.play_thresholds),
@@ -243,7 +253,7 @@ def _candidate(
     T[1 : 1 + s.d, 1 : 1 + s.d] = s.slope_map
     columns = np.r_[0, 1 + of, e + 1 + np.arange(k)]
     P, q = T.T @ gram[np.ix_(columns, columns)] @ T, -T.T @ gram[columns, e]
-    box, slope = bounds(s, further, determined.creep_limits(s, fit)), _middle_slope(s, fit, at)
+    box = bounds(s, further, determined.creep_limits(s, fit))
     lb, ub = np.append(slope / MAX_SLOPE, box.lb), np.append(np.inf, box.ub)
     z = np.concatenate([[1.0], slope * s.inverse_slope_map @ s.straight_line, np.zeros(k)])
     free = np.r_[True, moved[of], np.full(k, True)] & (np.diag(P) > 0.0) & (np.arange(z.size) != 1 + s.n + s.middle)

@@ -231,12 +231,9 @@ def layout_of(
         if all(kind not in VALUES or cell in (kind, "empty") for cell, kind in zip(row, kinds, strict=True))
     )
     start = next(good, min(rows))
-    while (
-        ("number", "number") in zip(rows.get(start - 1, ()), kinds, strict=False)
-        or (  # a damaged row, not a header
-            start > first
-            and dialect.kinds(lines[start - 1])[: len(kinds)] == [*kinds]  # or one with a remark behind it
-        )
+    # a damaged row, or one with a remark behind it, is no header
+    while ("number", "number") in zip(rows.get(start - 1, ()), kinds, strict=False) or (
+        start > first and dialect.kinds(lines[start - 1])[: len(kinds)] == [*kinds]
     ):
         start -= 1
     header, names, units, glued = _headed(lines, dialect, start, kinds, header_row)
