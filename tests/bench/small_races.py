@@ -87,8 +87,7 @@ def commit_of(folder: Path) -> str:
 
 def commits(run: Run) -> pd.Series:
     """The commit that made each row."""
-    machines = run.machines
-    return run.rows().machine.map(lambda key: machines[key]["environment"]["commit"])
+    return run.rows().machine.map({key: made["environment"]["commit"] for key, made in run.machines.items()})
 
 
 SMALL = (
@@ -175,7 +174,7 @@ def wide_race(tmp_path_factory: pytest.TempPathFactory) -> Race:
     )
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """A cluster of two machines as a user starts it: a scheduler, and a worker under its nanny in a process that has
     another host name, where the system allows that."""

@@ -106,15 +106,14 @@ def test_the_exported_c_gives_pythons_drive_to_the_last_bit_with_every_compiler_
         assert events[2] >= 2 * ("faulty" in kind)
 
 
-OFTEN = ("compensator", INTEGRAL[1])
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "size", "compiler", "flags"),
     [
         *(
-            pytest.param(kind, SHORT, "gcc", ("-O1", *SANITIZED), marks=() if kind in OFTEN else NIGHTLY)
+            pytest.param(
+                kind, SHORT, "gcc", ("-O1", *SANITIZED), marks=() if kind in ("compensator", INTEGRAL[1]) else NIGHTLY
+            )
             for kind in KINDS
         ),
         *(

@@ -283,9 +283,6 @@ def test_a_late_learner_costs_samples_that_are_counted_and_never_the_limits_or_h
             assert np.any(x != expected.x)
 
 
-NOBODY = 65534
-
-
 # The schedule.
 
 
@@ -350,7 +347,7 @@ def test_refusals_of_the_system_are_reported(tmp_path: Path) -> None:
         done = subprocess.run(
             [f"/proc/self/fd/{loop.fileno()}", "1000", "0.05", "80", "4000", "/dev/null"],
             pass_fds=[loop.fileno()],
-            user=NOBODY if os.geteuid() == 0 else None,
+            user=65534 if os.geteuid() == 0 else None,  # nobody
             preexec_fn=without_rights,
             capture_output=True,
             text=True,

@@ -47,7 +47,6 @@ from piezo_model.recordings import Recording, RecordingError
 REFERENCE = Path(__file__).parents[2] / "results" / "reference"
 FOLDER = Path(tempfile.mkdtemp(prefix="fuzz-"))
 ANYTHING = st.text(st.characters(codec=None), max_size=60)
-DOUBLES = st.floats(allow_nan=False, allow_infinity=False)
 T = np.arange(60) * 1e-3
 
 
@@ -61,7 +60,7 @@ def damaged(pick: Any, whole: bytes) -> bytes:
 
 
 CELLS = (
-    DOUBLES.map(str)
+    st.floats(allow_nan=False, allow_infinity=False).map(str)
     | st.sampled_from(("", "NaN", "1,5", "1e400", "-inf", "12:30:00.5", "0x10", '"', "=1+1", "[V]", "µm"))
     | ANYTHING
 )

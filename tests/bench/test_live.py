@@ -330,8 +330,7 @@ def test_a_stage_whose_output_falls_is_not_learned_unless_its_range_is_in_descen
 @pytest.fixture(scope="module")
 def watched(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """Address of the page of a run whose stage's file has markup in its name."""
-    folder = tmp_path_factory.mktemp("watched")
-    file = folder / "<img src=x onerror=document.title='run'>.py"
+    file = tmp_path_factory.mktemp("watched") / "<img src=x onerror=document.title='run'>.py"
     file.write_text(
         "from bench.live.device import SimulatedStage\nMADE = SimulatedStage('relay_preisach', 2e-3)\n"
         "class Stage:\n    input_unit, output_unit, x_limits, y_range, rate_limit, rest = 'V', 'um', MADE.x_limits, "

@@ -181,7 +181,6 @@ def test_a_bound_touched_with_zero_multiplier_is_certified_either_way() -> None:
         verify(problem, replace(proof, lower=lower, upper=upper))
 
 
-STILL = Problem(ZERO2, np.zeros(2), lb=np.zeros(2))
 HELD = Problem(
     I2, np.array([-3.0, -2.0]), np.ones((1, 2)), np.full(1, 2.0), lb=np.array([-9.0, 0.75]), ub=np.array([1.0, INF])
 )
@@ -190,7 +189,12 @@ HELD = Problem(
 @pytest.mark.parametrize(
     ("problem", "start", "active"),
     [
-        pytest.param(STILL, np.zeros(2), [(Kind.LOWER, 0), (Kind.LOWER, 1)], id="no gradient and no curvature"),
+        pytest.param(
+            Problem(ZERO2, np.zeros(2), lb=np.zeros(2)),
+            np.zeros(2),
+            [(Kind.LOWER, 0), (Kind.LOWER, 1)],
+            id="no gradient and no curvature",
+        ),
         pytest.param(HELD, np.ones(2), [(Kind.UPPER, 0), (Kind.ROW, 0)], id="x_1 alone is free, the multiplier is 1"),
     ],
 )
