@@ -43,7 +43,7 @@ from bench.timing.schedule import PERIOD_US
 from piezo_model.checks import check
 from piezo_model.json_file import decoded
 from piezo_model.learning.settings import EXACT_SOLVERS
-from piezo_model.learning.solving import require_setting
+from piezo_model.solving import require_setting
 from solvers import Lane, find
 
 QUANTILES = (0.999, 0.99, 0.5)

@@ -10,11 +10,13 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 import solvers
+from piezo_model import checks
 from piezo_model.data_basis import DataBasis
 from piezo_model.identification.gram_matrix import gram_of
 from piezo_model.identification_problem import Excitation, IdentificationProblem
 from piezo_model.operator_state import OperatorState
 from piezo_model.recordings import Recording
+from piezo_model.solving import solved
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Mask, Matrix, Vector
 from solvers.certificate import certify, exact_cost_gap
@@ -59,14 +61,9 @@ class ProgramSolver:
 
 def _solve(qp: solvers.Problem, c: float, solver: str) -> Vector:
     """Solution of a box-constrained program whose cost has the constant c; IdentificationError if the solver fails."""
-    cls = solvers.find(solver).load()
-    for rung in reversed(cls.ladder(c)):  # the tightest tolerance may be below rounding
-        engine = cls(**rung)
-        engine.setup(qp)
-        z: Vector = engine.solve().copy()
-        if engine.solution().found and np.all(np.isfinite(z)):
-            return z
-    raise IdentificationError(f"the solver {solver} found no solution")
+    z = solved(solver, None, qp, c=c)
+    checks.check(np.all(np.isfinite(z)), f"the solver {solver} found no solution", IdentificationError)
+    return z
 
 
 def counted_from(recording: Recording, skip: int) -> Mask:

@@ -22,10 +22,10 @@ from piezo_model.learning.settings import (
     learner_numbers,
     write_settings,
 )
-from piezo_model.learning.solving import STEPPED, solved
 from piezo_model.model import HysteresisCreepModel
 from piezo_model.operator_state import OperatorState
 from piezo_model.regressors import full_gram, write_slope_regressors
+from piezo_model.solving import STEPPED, solved
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Vector
 

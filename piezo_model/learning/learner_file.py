@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,12 @@ def write_learner(path: str | Path, settings: Mapping[str, Any], state: Mapping[
 
 def read_learner(path: str | Path) -> tuple[dict[str, Any], dict[str, Any]]:
     """Settings and state; ModelError names what is wrong with the file."""
+    checks.check(
+        not zipfile.is_zipfile(path),
+        f"{path}: is an archive, as the files of banks were until version 6, not JSON of version "
+        f"{LearnerFile.VERSION}, which this program reads; make the bank anew",
+        ModelError,
+    )
     content = msgspec.structs.asdict(json_file.read(path, LearnerFile, ModelError))
     checks.check(
         content.pop("checksum") == _checksum(content),

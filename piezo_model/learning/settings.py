@@ -10,7 +10,7 @@ import numpy as np
 import solvers
 from piezo_model import checks
 from piezo_model.json_file import Number
-from piezo_model.learning.solving import STEPPED, require_setting, step_ratio
+from piezo_model.solving import STEPPED, require_setting, step_ratio
 from piezo_model.structure import ModelStructure
 
 INTEGER, REAL = np.int64, np.float64

@@ -25,11 +25,11 @@ from piezo_model import (
     identify,
     plants,
 )
-from piezo_model.learning.solving import solved
 from piezo_model.operators import creep, dead_zone, play
 from piezo_model.recordings.array_table import Arrays, table_of
 from piezo_model.recordings.recording import Reference
 from piezo_model.signals import SIGNALS
+from piezo_model.solving import solved
 
 K = np.arange(3000)
 DRIVE = 75.0 + 70.0 * np.sin(K / 150) * np.sin(K / 970)

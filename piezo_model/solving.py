@@ -1,4 +1,4 @@
-"""Solution of a learner's program by any registered solver."""
+"""Solution of a program by any registered solver."""
 
 from __future__ import annotations
 
@@ -16,9 +16,13 @@ STEPPED = "projected_difference"
 
 
 def solved(
-    solver: str, options: Mapping[str, Any] | None, program: solvers.Problem, start: Vector, c: float = 1.0
+    solver: str,
+    options: Mapping[str, Any] | None,
+    program: solvers.Problem,
+    start: Vector | None = None,
+    c: float = 1.0,
 ) -> Vector:
-    """Answer (d,) of a solver, or NaN if it finds none; warm-started from ``start`` if the solver supports it.
+    """Answer (d,) of a solver, or NaN if it finds none; warm-started from ``start``, if any and if the solver can be.
 
     The setup sees different data of the same structure, so that the solution is computed by the solve alone.
 
@@ -28,7 +32,7 @@ def solved(
     Examples
     --------
     >>> from qpsolvers import Problem
-    >>> solved("box_active_set", None, Problem(np.eye(1), np.array([-2.0]), lb=np.zeros(1)), np.zeros(1)).tolist()
+    >>> solved("box_active_set", None, Problem(np.eye(1), np.array([-2.0]), lb=np.zeros(1))).tolist()
     [2.0]
     """
     for engine in _candidates(solver, c, **(options or {})):
