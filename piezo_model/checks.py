@@ -45,13 +45,21 @@ def instance(kind: type[Any], **arguments: Any) -> None:
 
 
 def positive(**arguments: float) -> None:
-    """Require positive numbers."""
-    require(lambda value: math.isfinite(value) and value > 0.0, "a positive number", **arguments)
+    """Require positive numbers; by a product with a float, which a Decimal does not have.
+
+    Examples
+    --------
+    >>> from decimal import Decimal
+    >>> positive(time_s=Decimal("1.5"))
+    Traceback (most recent call last):
+    ValueError: time_s must be a positive number, not 1.5
+    """
+    require(lambda value: 0.0 < 1.0 * value < math.inf, "a positive number", **arguments)
 
 
 def not_negative(**arguments: float) -> None:
     """Require finite numbers of at least 0."""
-    require(lambda value: math.isfinite(value) and value >= 0.0, "a finite number of at least 0", **arguments)
+    require(lambda value: 0.0 <= 1.0 * value < math.inf, "a finite number of at least 0", **arguments)
 
 
 def finite(**arguments: float) -> None:

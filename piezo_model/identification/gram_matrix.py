@@ -27,9 +27,9 @@ from piezo_model.simulation import behind_amplifier
 from piezo_model.structure import ModelStructure
 from solvers.arrays import Mask, Matrix, Vector
 
-CHUNK, GRAM_SAMPLES, STILL, SAME_PERIOD = 4096, 1_000_000, 1e-9, 1e-3
-"""Most rows in memory at once; most samples of a Gram matrix; largest range of an operator at rest, in normalised
-units; relative tolerance with which two sampling periods are equal."""
+CHUNK, GRAM_SAMPLES, STILL, SAME_PERIOD = 2048, 1_000_000, 1e-9, 1e-3
+"""Rows of a block, which should fit into the cache; most samples of a Gram matrix; largest range of an operator at
+rest, in normalised units; relative tolerance with which two sampling periods are equal."""
 DECAYED, ROUNDING = 25.0, 1e-12
 """Time constants after which a mode is at rest; fraction of a column's squares that may be rounding errors."""
 
@@ -64,7 +64,7 @@ def gram_of(
     the ``starts``. Its columns are filtered by the dynamics; those of ``unfiltered`` (N, k) are not. With modes, the
     columns are made orthogonal to the ringing from before a part."""
     blocks = max(1, math.ceil(recording.length / GRAM_SAMPLES))
-    size, r = CHUNK // blocks, padded_thresholds(s)
+    r = padded_thresholds(s)
     lowest, highest = np.full(s.lanes, np.inf), np.full(s.lanes, -np.inf)
     total, count = np.zeros(()), 0.0
     for i, (T, weight, part) in enumerate(zip(recording.periods, recording.part_weights, recording.parts, strict=True)):
@@ -75,8 +75,8 @@ def gram_of(
         highest = np.maximum(highest, np.maximum(first_play, unit_x.max() - r))
         regressors, through = [Regressors(own, start[i], slopes=slopes) for start in starts], None
         ringing, gram = decays(lagging, T, counted[part]), np.zeros(())
-        for k, first in enumerate(range(part.start, part.stop, size)):
-            samples = slice(first, min(first + size, part.stop))
+        for k, first in enumerate(range(part.start, part.stop, CHUNK)):
+            samples = slice(first, min(first + CHUNK, part.stop))
             within = slice(first - part.start, samples.stop - part.start)
             x = unit_x[within]
             if k % blocks:

@@ -297,11 +297,10 @@ class Identification(JointStart):
         if fit.cost > self.view.initial.fit.cost:  # outside the model class the predicted weights are far off
             other = fit_from(guess.states, v, self.levels)
             fit = min(fit, other, key=lambda fit: fit.cost)
-        beside = self.evidence.trend and fit_from(
-            fit.states, fit.v, self.levels.append(self.evidence.trend_column(recording))
-        )
-        if beside and fit.improved_by(beside, 1):
-            return FinalFit(problem, optimal, beside, self.evidence.trend)
+        if self.evidence.trend is not None:
+            beside = fit_from(fit.states, fit.v, self.levels.append(self.evidence.trend_column(recording)))
+            if fit.improved_by(beside, 1):
+                return FinalFit(problem, optimal, beside, self.evidence.trend)
         return FinalFit(problem, optimal, fit, None)
 
     def judge(self, final: FinalFit) -> Judgement:

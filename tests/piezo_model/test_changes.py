@@ -288,8 +288,7 @@ def test_a_gain_is_refused_beside_the_lag_that_the_loop_has_whatever_became_of_i
     choice: dict[str, str], tmp_path: Path
 ) -> None:
     x = np.repeat(np.random.default_rng(2).uniform(2.0, 98.0, 80), 100)
-    y = np.pad(true_model(S).simulate(x)[:-3], (3, 0), "edge")  # three samples late
-    model = identify(x, y, S, **choice)
+    model = identify(x, np.pad(true_model(S).simulate(x)[:-3], (3, 0), "edge"), S, **choice)  # three samples late
     assert (model.dynamics is None) == bool(choice)
     most = model.require_stable(1.0, inverts=False)
     assert 100.0 < most < 500.0
