@@ -14,12 +14,13 @@ also remains next to a drift and decays exp(−a t), as after a held step, or wi
 The creep of all admissible rates, κ Σ_a z_a with 0 ≤ κ ≤ LARGEST, is in the data if it explains most of what the
 regression leaves beyond noise, and κ differs significantly from 0. If creep of fewer decades, or at rates between the
 powers of ten, explains significantly more, its rates are taken. The variance of the noise is that of the third
-differences of the residual, in which everything slow cancels. A drift d is tested together with creep, not before it,
-since during a held step the two look alike.
+differences of the residual, in which everything slow cancels, plus two of its standard errors. A drift d is tested
+together with creep, not before it, since during a held step the two look alike.
 
 An actuator without return-point memory is no function of plays, but while the drive is held any rate-independent
 operator rests. So if the whole recording shows no creep, the samples of its holds are tested again, with a free level
-for each hold.
+for each hold. No operator hides anything there, so the drive determines creep, too, if creep explains significantly
+more than a drift and the decays.
 
 Source: M. Brokate and J. Sprekels, Hysteresis and Phase Transitions, 1996, section 2.4, for a Preisach operator as a
 superposition of functions of plays.
@@ -54,9 +55,10 @@ SHIFTS = 0.0, 0.25, 0.5, 0.75
 LARGEST, NEGLIGIBLE = 0.1, 0.005
 """Largest creep of a model, and largest upper limit of a recording that shows none, as fractions of the movement in a
 decade of time."""
-SHARE, CHI_SQUARE, MARGIN = 0.5, 25.0, 2.0
+SHARE, CHI_SQUARE, MARGIN, NOISE_ERROR = 0.5, 25.0, 2.0, 4.3
 """Smallest fraction of the explainable error that creep has to explain; smallest (κ / se)²; standard errors by which
-the weight of a model may differ from its estimate."""
+the weight of a model may differ from its estimate; two relative standard errors of a variance from N third differences,
+times √N."""
 DRIFT_INFORMATION, DRIFT_SHARE, SETTLING_SHARE, DRIFT_CHI_SQUARE = 0.3, 0.5, 0.6, 16.0
 """The same for a drift or a settling; creep of other rates than the model's looks like a settling, which has to explain
 more. The last is also the smallest gain of other rates than all of the first grid, in variances of the noise."""
@@ -168,15 +170,13 @@ def determine(fit: ForwardFit, qp_solver: ProgramSolver) -> CreepEvidence:
     """Test for creep and drift over all samples of a fit, with its memory curve, and then over the holds alone, during
     which any hysteresis rests."""
     s, recording, count = fit.structure, fit.recording, int(np.count_nonzero(fit.counted))
-    longest = max(part.stop - part.start for part in recording.parts)
-    T = recording.sample_time
-    grids = [candidate_rates(T, (longest - 1) * T, shift) for shift in SHIFTS]
-    rates = grids[0]
+    duration_s = max(part.stop - part.start - 1 for part in recording.parts) * recording.sample_time
+    grids = [candidate_rates(recording.sample_time, duration_s, shift) for shift in SHIFTS]
     at = np.flatnonzero(fit.counted)[:: math.ceil(count / SAMPLES)]
     edges = np.searchsorted(at, recording.starts[1:])
     qp_solver.passes += 1
     columns, states, decays = _columns(at, fit, grids, min(1.0, math.sqrt(count / ENOUGH)))
-    settlings = [rates[first:] for first in range(len(rates), -1, -1)]
+    settlings = [grids[0][first:] for first in range(len(grids[0]), -1, -1)]
     trends = [course(recording.time[at], recording.duration_s, settling) for settling in settlings]
     signals = np.column_stack([s.unit_output(recording.y)[at], *trends])
     whole = _judge(columns, signals, states, decays, grids, edges)
@@ -185,7 +185,7 @@ def determine(fit: ForwardFit, qp_solver: ProgramSolver) -> CreepEvidence:
     if whole.creep is not None or np.count_nonzero(rests) <= HELD_SHARE * at.size:
         return replace(whole, absent=False)
     levels = (hold[rests, None] == np.unique(hold[rests])).astype(np.float64)
-    resting = _judge(levels, signals[rests], states[rests], decays[rests], grids, edges[:0])
+    resting = _judge(levels, signals[rests], states[rests], decays[rests], grids, edges[:0], at_rest=True)
     if resting.creep is None:
         return replace(whole, absent=resting.absent)
     return replace(resting, independent=whole.independent, shows_drift=whole.shows_drift)
@@ -227,6 +227,7 @@ def _judge(
     decays: Matrix,
     grids: Sequence[tuple[float, ...]],
     edges: Index,
+    at_rest: bool = False,
 ) -> CreepEvidence:
     """Test for creep and a trend with the columns (M, p) of the null hypothesis; the signals (M, ·) are the output, a
     line over the time, and the settling from ever faster rates on, of parts that begin at the edges."""
@@ -241,13 +242,14 @@ def _judge(
     known = np.linalg.norm(trends, axis=0) / np.linalg.norm(signals[:, 1:] - signals[:, 1:].mean(axis=0), axis=0)
     admissible = tuple(rate for rate, is_informed in zip(rates, informed, strict=True) if is_informed)
     creeping = [(creeps[:, informed].sum(axis=1), LARGEST)] if admissible else []
-    freedom = len(columns) - rank
 
     def independent(error: Vector) -> float:
-        return max(min(independent_samples(np.split(error, edges)), freedom), 3.0)
+        return max(min(independent_samples(np.split(error, edges)), len(columns) - rank), 3.0)
 
     drifting = [(trends[:, 0], math.inf)] if known[0] >= INFORMATION else []
     share, chi_square = _gain(error, drifting, creeping, independent)
+    others = [(column, math.inf) for column in (trends[:, 0], *decays.T)]
+    driven = driven or (at_rest and _gain(error, others, creeping, independent)[1] >= CHI_SQUARE)
     unlimited = [(column, math.inf) for column, _ in creeping] * driven
     absent = bool(unlimited) and 0.0 <= _fit(error, unlimited + drifting, independent)[0][0].limits[1] < NEGLIGIBLE
     if not (creeping and share >= SHARE and chi_square >= CHI_SQUARE):
@@ -315,7 +317,8 @@ def _gain(
     """The fraction of the residual of some columns, beyond noise, that further columns explain, and its χ²."""
     fewer, residual = (_fit(error, regressors, independent)[1] for regressors in (columns, columns + more))
     before, after = float(fewer @ fewer), float(residual @ residual)
-    noise = residual.size * float(np.mean(np.diff(residual, 3) ** 2)) / 20.0  # 20 = 1² + 3² + 3² + 1²
+    variance = np.mean(np.diff(residual, 3) ** 2) / 20.0  # 20 = 1² + 3² + 3² + 1²
+    noise = float(variance) * (residual.size + NOISE_ERROR * math.sqrt(residual.size))
     explainable = before - min(noise, 0.999 * after)
     smallest = EXACT * residual.size
     return (before - after) / max(explainable, smallest), independent(residual) * (before - after) / max(
