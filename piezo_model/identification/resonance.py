@@ -125,7 +125,7 @@ class Spectra:
         begin = np.log(tried[np.argmax(np.concatenate(explained))])
 
         def mode(at: Vector) -> Vector:
-            return np.clip(np.exp(at), (ends[0], DAMPING_ENDS[0]), (ends[1], DAMPING_ENDS[1]))
+            return np.asarray(np.exp(np.clip(at, *np.log([ends, DAMPING_ENDS]).T)))
 
         result = minimize(
             lambda at: -others.with_mode(mode(at)).explained(),
