@@ -309,6 +309,7 @@ def _kink(t: Vector, h: Vector) -> tuple[float, float, float] | None:
     return max(kinks, key=lambda kink: kink[1], default=None)
 
 
+@np.errstate(invalid="ignore")  # of the confidence limits of ``theilslopes``, which are not used
 def _flat_levels(u: Vector, v: Vector) -> tuple[float, float]:
     """Level and flat end of the settled outputs of all rises, without their beginnings, where play rests; zeros if no
     end is flat. By medians, since the first rise of a stage may be another one."""

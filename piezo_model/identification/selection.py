@@ -271,8 +271,8 @@ def _candidate(
 
 
 def _middle_slope(s: ModelStructure, fit: ForwardFit, at: Index) -> float:
-    """Slope of S⁻¹ in the middle piece of a structure with which the errors there, of the samples ``at``, are as large
-    as in a fit."""
+    """Slope of S⁻¹ in the middle piece of a structure: the median of those of a fit there at the samples ``at``, since
+    some pieces of the fit, which the output only crosses, may be at the bound of their slopes."""
     y = np.append(fit.static[at], 0.0)  # the middle of its range is in the piece, if no sample is
     inside = np.abs(y) <= (*s.dead_zone_thresholds[s.middle + 1 :], math.inf)[0]
-    return float(np.mean(piece_slopes(fit.structure, fit.v, y[inside]) ** -2.0)) ** -0.5
+    return float(np.median(piece_slopes(fit.structure, fit.v, y[inside])))
