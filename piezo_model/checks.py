@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from decimal import Decimal
 from typing import Any
 
 import numpy as np
@@ -13,11 +14,19 @@ from solvers.arrays import Matrix, reals
 
 
 def require(valid: Callable[[Any], Any], what: str, /, **arguments: Any) -> None:
-    """Require a condition of each argument; True and False never meet it. ``what`` states the condition in words."""
+    """Require a condition of each argument; ``what`` states it in words. True and False never meet it, nor does a
+    Decimal, which has no product with a float.
+
+    Examples
+    --------
+    >>> require(lambda t: t > 0.0, "a positive number", time_s=Decimal("1.5"))
+    Traceback (most recent call last):
+    ValueError: time_s must be a positive number, not 1.5
+    """
     for name, value in arguments.items():
         plain = value.item() if isinstance(value, np.generic) else value  # LARGEST overflows single precision
         try:
-            fits = not isinstance(plain, bool) and bool(valid(plain))
+            fits = not isinstance(plain, bool | Decimal) and bool(valid(plain))
         except (TypeError, ValueError, LookupError, OverflowError):  # of another type, or an integer beyond doubles
             fits = False
         if not fits:
@@ -45,21 +54,13 @@ def instance(kind: type[Any], **arguments: Any) -> None:
 
 
 def positive(**arguments: float) -> None:
-    """Require positive numbers; by a product with a float, which a Decimal does not have.
-
-    Examples
-    --------
-    >>> from decimal import Decimal
-    >>> positive(time_s=Decimal("1.5"))
-    Traceback (most recent call last):
-    ValueError: time_s must be a positive number, not 1.5
-    """
-    require(lambda value: 0.0 < 1.0 * value < math.inf, "a positive number", **arguments)
+    """Require positive numbers."""
+    require(lambda value: math.isfinite(value) and value > 0.0, "a positive number", **arguments)
 
 
 def not_negative(**arguments: float) -> None:
     """Require finite numbers of at least 0."""
-    require(lambda value: 0.0 <= 1.0 * value < math.inf, "a finite number of at least 0", **arguments)
+    require(lambda value: math.isfinite(value) and value >= 0.0, "a finite number of at least 0", **arguments)
 
 
 def finite(**arguments: float) -> None:

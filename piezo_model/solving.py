@@ -39,7 +39,7 @@ def solved(
         engine.setup(solvers.Problem(0.5 * program.P, np.zeros_like(program.q), lb=program.lb, ub=program.ub))
         engine.update(program.P, program.q)
         answer = np.array(engine.solve(warm_start=start if engine.warm_startable else None))
-        if engine.solution().found:
+        if engine.solution().found and np.all(np.isfinite(answer)):
             return answer
     return np.full_like(answer, np.nan)
 

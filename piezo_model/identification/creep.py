@@ -237,8 +237,6 @@ def _judge(
     sizes = np.linalg.norm(states - states.mean(axis=0), axis=0)
     all_informed = np.linalg.norm(all_creeps, axis=0) >= INFORMATION * sizes
     creeps, informed, sizes = (values[..., : len(rates)] for values in (all_creeps, all_informed, sizes))
-    steady = _residual(np.hstack([trends[:, :1], decays]), creeps)[0]
-    driven = bool(np.any(np.linalg.norm(steady, axis=0) >= DRIVEN * sizes))
     known = np.linalg.norm(trends, axis=0) / np.linalg.norm(signals[:, 1:] - signals[:, 1:].mean(axis=0), axis=0)
     admissible = tuple(rate for rate, is_informed in zip(rates, informed, strict=True) if is_informed)
     creeping = [(creeps[:, informed].sum(axis=1), LARGEST)] if admissible else []
@@ -248,8 +246,11 @@ def _judge(
 
     drifting = [(trends[:, 0], math.inf)] if known[0] >= INFORMATION else []
     share, chi_square = _gain(error, drifting, creeping, independent)
+    steady = _residual(np.hstack([trends[:, :1], decays]), creeps)[0]
     others = [(column, math.inf) for column in (trends[:, 0], *decays.T)]
-    driven = driven or (at_rest and _gain(error, others, creeping, independent)[1] >= CHI_SQUARE)
+    driven = bool(np.any(np.linalg.norm(steady, axis=0) >= DRIVEN * sizes)) or (
+        at_rest and _gain(error, others, creeping, independent)[1] >= CHI_SQUARE
+    )
     unlimited = [(column, math.inf) for column, _ in creeping] * driven
     absent = bool(unlimited) and 0.0 <= _fit(error, unlimited + drifting, independent)[0][0].limits[1] < NEGLIGIBLE
     if not (creeping and share >= SHARE and chi_square >= CHI_SQUARE):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from piezo_model.identification.resonance import LIGHTLY_DAMPED
 from piezo_model.units import quantity
 
-NOTABLE, RINGING, STEP = 0.1, 0.5, 6.0
+NOTABLE, RINGING, PERIODS = 0.1, 0.5, 6.0
 """Fraction of the whitened squares from which a rejected mode is mentioned, and of its width by which a frequency
 moves; RMS ringing of a further mode beyond which the recording is refused, % of the output's range; periods of a mode
 for which steps are to be held."""
@@ -61,7 +61,7 @@ class DynamicsFinding:
                 yield (
                     f"A faint resonance near {quantity(self.frequencies_Hz[0], 'Hz', 3)} with a damping ratio of "
                     f"{100.0 * self.damping[0]:.2g} % is not in the model, since {self.reason}; record steps of "
-                    f"{quantity(STEP / self.frequencies_Hz[0], 's', 1)} to determine it."
+                    f"{quantity(PERIODS / self.frequencies_Hz[0], 's', 1)} to determine it."
                 )
             return
         for f, zeta, (low, high), moves in zip(

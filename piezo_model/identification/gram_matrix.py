@@ -63,8 +63,7 @@ def gram_of(
     ``columns`` is a function of the number of a part, a slice of its samples, and their rows (x, Ξ(x, y)) from each of
     the ``starts``. Its columns are filtered by the dynamics; those of ``unfiltered`` (N, k) are not. With modes, the
     columns are made orthogonal to the ringing from before a part."""
-    blocks = max(1, math.ceil(recording.length / GRAM_SAMPLES))
-    r = padded_thresholds(s)
+    blocks, r = max(1, math.ceil(recording.length / GRAM_SAMPLES)), padded_thresholds(s)
     lowest, highest = np.full(s.lanes, np.inf), np.full(s.lanes, -np.inf)
     total, count = np.zeros(()), 0.0
     for i, (T, weight, part) in enumerate(zip(recording.periods, recording.part_weights, recording.parts, strict=True)):
