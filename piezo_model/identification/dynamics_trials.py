@@ -39,11 +39,12 @@ STEPS, FOLD_STEPS, RECENTRED, EVENTS, LAG_OF_CREEP = 6, 1, 7, 50, math.sqrt(10.0
 samples to which a misfit is equivalent, however long the recording, since it follows the drive (the most with which
 nine in ten delays from simulated steps, stairs, bits and chirps were within their intervals); samples by which creep
 delays its share of the output in a decade with time constants of 1 to 10 samples, which the fit lacks."""
-PERIODS, SHORTEST, FEW, CLEAR, CHANCE, SIGNIFICANT = 3.0, 20, 16.0, 0.5, 1e-3, 4.0
+PERIODS, SHORTEST, FEW, CLEAR, CHANCE, SIGNIFICANT, HOPELESS = 3.0, 20, 16.0, 0.5, 1e-3, 4.0, 10.0
 """Periods, and fewest samples, of a held-out block; periods in a segment of the scan below which residual hysteresis
 looks like a mode; largest ratio of squared errors that is clear (of a mode of few periods, or of an amplifier's lag in
 place of a delay, since a smooth drive hardly distinguishes the two); significance level of the gain on held-out data,
-and its smallest value in standard errors."""
+and its smallest value in standard errors; ratio of squared errors with a mode to those without from which on no other
+fit begins at that mode."""
 
 
 def as_of_static(recording: Recording, dynamics: Dynamics, y: Vector) -> Recording:
@@ -106,12 +107,14 @@ class DynamicsTrials:
             float(np.ptp(self.recording.y[self.counted])), abs(self.structure.y_scale) * math.sqrt(mean_square)
         )
 
-    def searched(self, parameters: Parameters, near: ForwardFit | None = None) -> ForwardFit:
-        """Fit, and repeat the fit from its result while that has a smaller error but a frequency or a damping at a
-        bound; more than once only for lightly damped modes, of which the scan may be far off between the harmonics of a
-        drive."""
+    def searched(
+        self, parameters: Parameters, near: ForwardFit | None = None, hopeless: float = math.inf
+    ) -> ForwardFit:
+        """Fit, and repeat the fit from its result while that has a smaller error, which is not hopeless, but a
+        frequency or a damping at a bound; more than once only for lightly damped modes, of which the scan may be far
+        off between the harmonics of a drive."""
         fit, modes = self.fit(parameters, near), len(parameters.start.frequencies_Hz)
-        cost = math.inf if near is None else near.cost
+        cost = hopeless if near is None else near.cost
         for most_damped in (1.0, *[LIGHTLY_DAMPED] * RECENTRED):
             inside = np.all(fit.free[self.structure.d :][: 2 * modes])
             if inside or fit.cost >= cost or max(parameters_of(fit).start.damping) >= most_damped:
@@ -129,8 +132,11 @@ class DynamicsTrials:
             unknowns = parameters.vector.size - parameters_of(best).vector.size
             return other if inside and best.improved_by(other, unknowns) else best
 
-        best = self.searched(replace(one, start=replace(one.start, gains=(1.0,)), residual=False))
-        best = better(best, replace(parameters_of(best), residual=True))
+        best = self.searched(
+            replace(one, start=replace(one.start, gains=(1.0,)), residual=False), hopeless=HOPELESS * none.cost
+        )
+        if best.cost < HOPELESS * none.cost:
+            best = better(best, replace(parameters_of(best), residual=True))
         if one.residual:
             best = min(best, self.searched(one), key=lambda fit: fit.cost)
         if not none.improved_by(best, parameters_of(best).vector.size - parameters_of(none).vector.size):
@@ -138,9 +144,8 @@ class DynamicsTrials:
         g = parameters_of(best).start
         if (rest := spectra.beside(g)) is not None:
             second = min(max(rest.share, SMALLEST_GAIN), 0.5)
-            first = 1.0 - second - SMALLEST_GAIN
-            own = (g.frequencies_Hz[0], g.damping[0], first), (rest.frequency_Hz, rest.damping, second)
-            f, zeta, gains = zip(*sorted(own), strict=True)
+            own = g.frequencies_Hz[0], g.damping[0], 1.0 - second - SMALLEST_GAIN
+            f, zeta, gains = zip(*sorted((own, (rest.frequency_Hz, rest.damping, second))), strict=True)
             two = replace(g, frequencies_Hz=f, damping=zeta, gains=gains)
             best = better(best, replace(one, start=two, residual=True))
             if parameters_of(best).start.frequencies_Hz[1:]:

@@ -410,15 +410,15 @@ def _gram(
     steps = np.tril(np.ones((s.n, s.n))) * np.diff(s.thresholds)  # dz_i / d(slope j)
 
     def columns(part: int, samples: slice, rows: Matrix, *others: Matrix) -> Matrix:
-        by_slopes = np.zeros((len(rows), s.n * len(free_parts)))
+        J = rows[:, 1:] / slopes[samples, None]
+        if not free_parts:
+            return J
+        by_slopes = np.zeros((len(rows), len(free_parts), s.n))
         if part in free_parts:
             change = (others[0] - rows)[:, 1:] * v
             creeps = change[:, s.slices[2]][:, 1:] if s.creep_rates else 0.0
-            first = s.n * free_parts.index(part)
-            by_slopes[:, first : first + s.n] = (change[:, : s.n] + creeps) / nudges[part] @ steps
-        J = np.hstack([rows[:, 1:], by_slopes])
-        J /= slopes[samples, None]
-        return J
+            by_slopes[:, free_parts.index(part)] = (change[:, : s.n] + creeps) / nudges[part] @ steps
+        return np.hstack([J, by_slopes.reshape(len(rows), -1) / slopes[samples, None]])
 
     starts = (at.states, nudged) if free_parts else (at.states,)
     return gram_of(recording, counted, s, starts, at.static, columns, unfiltered, slopes=True, dynamics=at.dynamics)
