@@ -265,6 +265,16 @@ def test_sixteen_hundred_samples_of_steps_determine_a_resonance(kind: str) -> No
     assert model.report["fit"]["max_percent"] < 1.0
 
 
+def test_a_resonance_that_tones_excite_faintly_all_the_time_is_in_the_model() -> None:
+    assert_mode(
+        identify(made("relay_preisach", "tones", ((300.0, 0.18, 1.0),), 0.95, size=4500)).dynamics,
+        300.0,
+        0.03,
+        0.18,
+        0.2,
+    )
+
+
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("drive", ["triangle", "sweep"])
 def test_a_stage_of_the_given_structure_has_its_frequency_damping_and_delay_and_less_noise_gives_narrower_intervals(
@@ -313,11 +323,10 @@ def test_steps_and_sweeps_determine_weak_and_strong_modes_the_residual_complianc
     kind: str, drive: str, modes_of_stage: Modes, tolerances: tuple[float, ...], delay: float
 ) -> None:
     model = identify(made(kind, drive, modes_of_stage), n=5, m=3)
-    g = model.dynamics
-    found, true = np.array(modes(g)), np.array(modes_of_stage)
+    found, true = np.array(modes(model.dynamics)), np.array(modes_of_stage)
     assert found.shape == true.shape
     assert np.all(np.abs(found - true) <= np.array(tolerances) * true)
-    assert g.delay_s == pytest.approx(DELAY_S, abs=delay * T)
+    assert model.dynamics.delay_s == pytest.approx(DELAY_S, abs=delay * T)
     assert model.report["fit"]["rms_percent"] < 0.3
 
 
