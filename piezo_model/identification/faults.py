@@ -121,7 +121,7 @@ def repeated_output(s: Signals) -> str | None:
 
 
 def held_output(s: Signals) -> str | None:
-    """Changes at one period, of an output whose drive does not rest between them."""
+    """Changes at one period, which do not follow movements of a drive that rests between them."""
     change, moves = np.abs(np.diff(s.v)), np.abs(np.diff(s.u, prepend=s.u[:1])) > EXACT
     at = np.flatnonzero(change > EXACT) + 1
     if at.size < FEW or change[at - 1].mean() < 2.0 * quantum_of(s.v):
@@ -129,7 +129,7 @@ def held_output(s: Signals) -> str | None:
     gaps = np.diff(at)
     period = float(gaps[gaps < 2.0 * np.quantile(gaps, 0.1)].mean())
     even = period > 1.9 and np.quantile(np.abs(gaps - period * np.round(gaps / period)), 0.99) < 1.0
-    own = moves.mean() > LIVE or np.mean(moves[at] | moves[at - 1]) < LIVE
+    own = moves.mean() > LIVE or np.mean(np.convolve(moves, np.ones(NEAR))[at] > 0.5) < LIVE
     return (
         f"The output changes every {period:.3g} samples ({s.time(period, 3)}) only: the sensor is slower than the "
         "recorder."
@@ -160,7 +160,8 @@ def limit(s: Signals) -> str | None:
     begins = np.flatnonzero(np.abs(np.diff(s.u, prepend=-1.0)) > EXACT)
     u, v, flat_end = s.u, s.v, _flat_end
     if begins.size * NEAR < s.u.size:
-        u, v, flat_end = s.u[begins], np.array([np.median(rest) for rest in np.split(s.v, begins[1:])]), _flat_levels
+        rests = zip(s.u[begins], np.split(s.v, begins[1:]), strict=True)
+        (u, v), flat_end = np.transpose([(x, np.median(rest)) for x, rest in rests if rest.size > NEAR]), _flat_levels
     for side, which in ((1.0, "rises"), (-1.0, "falls")):
         level, flat = flat_end(side * u, side * v)
         if flat > 2.0 * quantum_of(s.v):
@@ -196,11 +197,10 @@ def lost_rows(s: Signals) -> str | None:
     for known, most in zip((s.model, s.u), SHIFTED, strict=True):  # what a model errs by a shift, the drive does not
         errors = (inner - known[shift : shift + inner.size] for shift in range(2 * SHIFTS + 1))
         squares = np.array([np.add.reduceat((error - error.mean()) ** 2, cuts) for error in errors]) + EXACT**2
-        before, whole = np.cumsum(squares, axis=1), squares.sum(axis=1)
-        after = whole[:, None] - before
-        split = int(np.argmin(before[:, :-1].min(axis=0) + after[:, :-1].min(axis=0)))
-        by = abs(int(np.argmin(before[:, split])) - int(np.argmin(after[:, split])))
-        left.append((before[:, split].min() + after[:, split].min()) / whole.min())
+        before, after = np.cumsum(squares, axis=1), np.cumsum(squares[:, ::-1], axis=1)[:, ::-1]
+        split = int(np.argmin(before.min(axis=0)[:-1] + after.min(axis=0)[1:]))
+        by = abs(int(np.argmin(before[:, split])) - int(np.argmin(after[:, split + 1])))
+        left.append((before[:, split].min() + after[:, split + 1].min()) / before[:, -1].min())
         if by and left[-1] < most and left[0] < HELPED:
             return (
                 f"The output shifts by {by} sample{'s' * (by > 1)} after about {s.time(cuts[split + 1] + SHIFTS)}: one "

@@ -24,6 +24,8 @@ RESTING: dict[str, Callable[[Generator], Vector]] = {
     "steps": lambda rng: np.repeat(rng.uniform(-1.0, 1.0, 30), 200),
     "stairs": lambda _: np.repeat(1.0 - np.abs(np.linspace(-2.0, 2.0, 25)), 240),
     "a sine and holds": lambda _: np.sin(0.016 * np.minimum(K, 4000)) * (1.0 - 2.0 * (K > 5300)),
+    "a triangle and a rest": lambda _: np.maximum(1.0 - np.abs(K - 900) / 400.0, -1.0),
+    "a step at the end": lambda rng: np.append(np.repeat([*rng.uniform(-1.0, 0.4, 29), 0.5], 200)[:-1], 1.0),
 }
 """Drives that rest on levels."""
 FAULTS: dict[str, Callable[[Generator, Vector, Vector], Vector]] = {
@@ -57,6 +59,8 @@ CONTROLS: dict[str, Callable[[Vector], Vector]] = {
     ),
     "backlash and a lag on equal steps": lambda u: play(resonant(u, 20.0, 0.9), np.array([0.1]), u[:1])[0][:, 0],
     "wide loops": lambda u: loops(np.random.default_rng(3), u, 0.5),
+    "a delay": lambda u: np.append(u[:2], u[:-2]),
+    "a line": lambda u: 0.7 * u + 0.1,
 }
 
 
