@@ -307,8 +307,7 @@ def _fit(
         value = float(np.linalg.lstsq(matrix[:, i:], error, rcond=None)[0][0])
         values.append(value if math.isinf(limit) else min(max(value, 0.0), limit))
         error = error - values[-1] * column
-    variance = float(error @ error) / independent(error)
-    ses = np.sqrt(variance) * np.linalg.norm(np.linalg.pinv(matrix), axis=1)
+    ses = np.sqrt(error @ error / independent(error)) * np.linalg.norm(np.linalg.pinv(matrix), axis=1)
     return [Estimate(value, se) for value, se in zip(values, ses.tolist(), strict=False)], error
 
 

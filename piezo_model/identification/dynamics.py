@@ -29,7 +29,7 @@ from piezo_model.identification.drive import band_of
 from piezo_model.identification.dynamics_finding import DynamicsFinding
 from piezo_model.identification.dynamics_parameters import LONGEST, SMALLEST_GAIN, Parameters
 from piezo_model.identification.dynamics_trials import CLEAR, DynamicsTrials, as_of_static, parameters_of
-from piezo_model.identification.error_model import IdentificationError, ProgramSolver
+from piezo_model.identification.error_model import IdentificationError, ProgramSolver, accumulate
 from piezo_model.identification.forward import EXACT, Columns, ForwardFit
 from piezo_model.identification.resonance import LIGHTLY_DAMPED, SHORTEST_SEGMENT, Spectra, segment_of
 from piezo_model.identification.start import USUAL, InitialFit, first_motion
@@ -147,7 +147,10 @@ def _with_modes(
     begin = Dynamics((peak.frequency_Hz,), (peak.damping,), (share,), DELAY * T)
     initial = prepare(_through_inverse(recording, begin))
     trials = DynamicsTrials.of(head, initial, qp_solver)
-    none = trials.fit(Parameters(Dynamics((), (), (), DELAY * T), T, free=True))
+    s, delay = trials.structure, Parameters(Dynamics((), (), (), DELAY * T), T, free=True)
+    # the inverse of a mode that is none spoils the weights, so those of the output itself are a start too
+    v = s.inverse_slope_map @ qp_solver.optimum(accumulate(head, trials.counted, s, trials.states, qp_solver))
+    none = min((start.fit(delay) for start in (trials, replace(trials, v=v))), key=lambda fit: fit.cost)
     best, rest = trials.best(none, Parameters(begin, T, free=True, residual=share < 1.0), spectra)
     if best is None:
         return None, None

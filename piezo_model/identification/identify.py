@@ -295,8 +295,7 @@ class Identification(JointStart):
 
         fit = fit_from(guess.states, guess.v, self.levels)
         if fit.cost > self.view.initial.fit.cost:  # outside the model class the predicted weights are far off
-            other = fit_from(guess.states, v, self.levels)
-            fit = min(fit, other, key=lambda fit: fit.cost)
+            fit = min(fit, fit_from(guess.states, v, self.levels), key=lambda fit: fit.cost)
         if self.evidence.trend is not None:
             beside = fit_from(fit.states, fit.v, self.levels.append(self.evidence.trend_column(recording)))
             if fit.improved_by(beside, 1):
