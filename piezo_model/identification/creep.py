@@ -286,8 +286,7 @@ def _spectrum(
 ) -> Index:
     """Numbers of those consecutive admissible rates of one of the grids, which have ``sizes`` rates, whose creep
     explains the most of an error (M,); of all those of the first grid unless others explain significantly more."""
-    numbers = np.split(np.arange(informed.size), np.cumsum(sizes)[:-1])
-    grids = [grid[informed[grid]] for grid in numbers]
+    grids = [grid[informed[grid]] for grid in np.split(np.arange(informed.size), np.cumsum(sizes)[:-1])]
     spectra = [grid[first:last] for grid in grids for first, last in combinations(range(grid.size + 1), 2)]
     spectra.insert(0, grids[0])
     columns = np.column_stack([creeps[:, spectrum].sum(axis=1) for spectrum in spectra])

@@ -32,6 +32,7 @@ from piezo_model.identification.dynamics_trials import CLEAR, DynamicsTrials, as
 from piezo_model.identification.error_model import IdentificationError, ProgramSolver, accumulate
 from piezo_model.identification.forward import EXACT, Columns, ForwardFit
 from piezo_model.identification.resonance import LIGHTLY_DAMPED, SHORTEST_SEGMENT, Spectra, segment_of
+from piezo_model.identification.selection import state_on
 from piezo_model.identification.start import USUAL, InitialFit, first_motion
 from piezo_model.recordings import Recording
 from piezo_model.units import quantity
@@ -123,17 +124,17 @@ def separate(
         trials = DynamicsTrials.of(recording, initial, qp_solver)
         static = trials.without_dynamics(recording, trials.fit(Parameters(choice, recording.sample_time)))
         return StaticView(prepare(static, initial.skip), choice)
-    finding = None
+    plain, finding = prepare(recording), None
     if choice == "estimate":
-        view, finding = _with_modes(recording, prepare, skip, qp_solver)
+        view, finding = _with_modes(recording, plain, prepare, skip, qp_solver)
         if view is not None:
             return view
-    view = StaticView(prepare(recording), finding=finding)
+    view = StaticView(plain, finding=finding)
     return view if lag == "ignore" else _with_lag(recording, view, prepare, choice, lag, qp_solver)
 
 
 def _with_modes(
-    recording: Recording, prepare: Callable[..., InitialFit], skip: int, qp_solver: ProgramSolver
+    recording: Recording, plain: InitialFit, prepare: Callable[..., InitialFit], skip: int, qp_solver: ProgramSolver
 ) -> tuple[StaticView | None, DynamicsFinding | None]:
     """The static view of a recording with modes, or None without them; and what the trials of modes say, if any."""
     T, head = recording.sample_time, recording.head(first_motion(recording, skip) + SAMPLES)
@@ -148,9 +149,10 @@ def _with_modes(
     initial = prepare(_through_inverse(recording, begin))
     trials = DynamicsTrials.of(head, initial, qp_solver)
     s, delay = trials.structure, Parameters(Dynamics((), (), (), DELAY * T), T, free=True)
-    # the inverse of a mode that is none spoils the weights, so those of the output itself are a start too
-    v = s.inverse_slope_map @ qp_solver.optimum(accumulate(head, trials.counted, s, trials.states, qp_solver))
-    none = min((start.fit(delay) for start in (trials, replace(trials, v=v))), key=lambda fit: fit.cost)
+    # the inverse of a mode that is none spoils the first fit, so that of the output itself is a start too
+    states = [state_on(plain.fit.structure, state, s) for state in plain.fit.states]
+    v = s.inverse_slope_map @ qp_solver.optimum(accumulate(head, trials.counted, s, states, qp_solver))
+    none = min((start.fit(delay) for start in (trials, replace(trials, states=states, v=v))), key=lambda fit: fit.cost)
     best, rest = trials.best(none, Parameters(begin, T, free=True, residual=share < 1.0), spectra)
     if best is None:
         return None, None

@@ -94,11 +94,18 @@ class DynamicsTrials:
         steps: int = STEPS,
         further: Columns | None = None,
     ) -> ForwardFit:
-        """Fit all counted samples or some of them, starting from the weights of another fit."""
-        counted, v = self.counted if counted is None else counted, self.v if near is None else near.v
-        s, states, qp_solver = self.structure, self.states[: len(self.recording.starts)], self.qp_solver
+        """Fit all counted samples or some of them, starting from the states and weights of another fit."""
+        start = self if near is None else near
         return fit_forward(
-            self.recording, counted, s, states, v, qp_solver, steps=steps, further=further, parameters=parameters
+            self.recording,
+            self.counted if counted is None else counted,
+            self.structure,
+            start.states[: len(self.recording.starts)],
+            start.v,
+            self.qp_solver,
+            steps=steps,
+            further=further,
+            parameters=parameters,
         )
 
     def percent(self, mean_square: float) -> float:
@@ -236,8 +243,8 @@ class DynamicsTrials:
         """The recording, which may be longer than that of the trials, without the dynamics of a fit: with the drive
         behind the amplifier, and the output of the static part plus the equalised error."""
         known = Parameters(parameters_of(fitted).start, recording.sample_time)
-        whole = replace(self, recording=recording, counted=~recording.uncounted)
-        s, fit = self.structure, whole.fit(known, fitted, steps=0)
+        whole = replace(self, recording=recording, counted=~recording.uncounted, v=fitted.v)
+        s, fit = self.structure, whole.fit(known, steps=0)
         errors = [known.start.equalised(fit.error[part], recording.sample_time) for part in recording.parts]
         y = s.y_centre + s.y_scale * (fit.static + np.concatenate(errors))
         return as_of_static(recording, known.start, y)
