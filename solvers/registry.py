@@ -101,7 +101,7 @@ class Described:
 def import_file(path: Path) -> ModuleType:
     """Import a user's own file; ImportError if it is not a Python file."""
     if not path.is_file():
-        raise ImportError(f"{path} is not a file")
+        raise ImportError(f"{path}: there is no such file")
     return module_at(f"piezobench_user_{path.stem}", path)
 
 

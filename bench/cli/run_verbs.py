@@ -33,8 +33,9 @@ def verify_verb(run: Annotated[Path, typer.Argument(help="Folder of the run.")],
     with progress_bar() as progress:
         verified = verification.verify_run(open_run(run), progress)
     if wrong := verified["wrong"]:
-        more = f", and {len(wrong) - 1} more" if len(wrong) > 1 else ""
-        raise RunError(f"{run} does not agree with its answers: {wrong[0]}{more}")
+        raise RunError(
+            f"{run} does not agree with its answers: {wrong[0]}" + f", and {len(wrong) - 1} more" * (len(wrong) > 1)
+        )
     print_result(
         verified,
         as_json,

@@ -92,7 +92,8 @@ def failed(rows: pd.DataFrame, stated: Mapping[str, float]) -> str:
         wrong, least = here[np.isinf(here.error) & (here.status != Status.NOT_RUN)], here.groupby("setting").error.max()
         if len(wrong) or not least.min() <= most:
             failures.append(
-                f"{name} fails on {wrong.problem.iloc[0]}: {wrong.message.iloc[0] or 'an answer is not finite'}"
+                f"{name} fails on {wrong.problem.nunique()} of {here.problem.nunique()} problems, first on "
+                f"{wrong.problem.iloc[0]}: {wrong.message.iloc[0] or 'an answer is not finite'}"
                 if len(wrong)
                 else f"{name} has an error of {least.min():.1e}, above the {most:.0e} that it states"
                 if len(here)

@@ -87,9 +87,8 @@ def _steps(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def _paper(measurements: Measurements, drift: float) -> Iterator[str]:
-    rows = measurements.lanes[measurements.lanes.scaling == measurements.scaling]
-    steps = _steps(rows)
-    steps = steps[steps.cost_gap.notna()]
+    lanes = measurements.lanes[measurements.lanes.scaling == measurements.scaling]
+    steps = _steps(lanes).dropna(subset="cost_gap")
     if steps.empty:
         return
     seconds = [f"{duration_us * 1e-6:.3g}" for duration_us in sorted({*(steps.periods * steps.period_us)})]

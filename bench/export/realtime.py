@@ -118,7 +118,5 @@ def histogram(times_us: Vector) -> dict[float, int]:
     >>> histogram(np.array([0.1, 0.2, 0.9]))
     {0.125: 1, 0.25: 1, 0.5: 0, 1.0: 1}
     """
-    octave = np.ceil(np.log2(np.maximum(times_us, 0.125) / 0.125)).astype(int)
-    counts = np.bincount(octave)
-    first = int(np.flatnonzero(counts)[0])
-    return {0.125 * 2.0**k: int(counts[k]) for k in range(first, counts.size)}
+    counts = np.bincount(np.ceil(np.log2(np.maximum(times_us, 0.125) / 0.125)).astype(int))
+    return {0.125 * 2.0**k: int(counts[k]) for k in range(int(np.flatnonzero(counts)[0]), counts.size)}

@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -253,7 +254,9 @@ def attempt(work: Callable[[], Outcome]) -> Outcome:
     except MemoryError as error:
         return Outcome("out_of_memory", one_line(f"the memory limit was reached: {error}"))
     except Exception as error:  # a library may raise anything; it is recorded, and the race continues
-        return Outcome("adapter_failed", one_line(f"{type(error).__name__}: {error}"))
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        where = f"{os.path.basename(place.filename)}:{place.lineno}"
+        return Outcome("adapter_failed", one_line(f"{type(error).__name__}: {error} ({where})"))
 
 
 def plain(settings: Mapping[str, Any]) -> dict[str, Any]:

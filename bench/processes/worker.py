@@ -74,6 +74,6 @@ def introduce(path: str) -> Entry | str:
         describe(entry := from_file(path))
         return entry
     except ImportError as error:
-        return str(error).removeprefix(f"{path} ")
+        return str(error).removeprefix(f"{path}: ")
     except Exception as error:  # a user's code may raise anything
         return f"cannot be loaded, {type(error).__name__}: {error}".replace("\n", " ")

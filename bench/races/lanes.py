@@ -11,7 +11,7 @@ from bench.races import null_solver
 from bench.races.settings import RaceSettings
 from bench.store import Run
 from piezo_model.checks import check
-from solvers import Described, Entry, entries
+from solvers import Described, Entry, Lane, entries
 
 
 def chosen(settings: RaceSettings) -> list[Entry]:
@@ -32,6 +32,11 @@ def chosen(settings: RaceSettings) -> list[Entry]:
         check(
             re.fullmatch(r"\w[\w.+-]*", entry.name),  # it becomes part of file names
             f"{path}: a solver is named with letters, digits, '_', '.', '+' and '-', and not {entry.name!r}",
+            RaceError,
+        )
+        check(
+            entry.lane is not Lane.KERNEL,
+            f"{path}: is not timed inside compiled code, as the solvers in the lane kernel are; its lane is direct",
             RaceError,
         )
         check(  # in no lane may it pass for the floor or for a known solver

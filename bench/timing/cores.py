@@ -61,6 +61,6 @@ def claim(only: int | None = None) -> Core:
                 core.number = number
                 return core
         if not announced:
-            print("waiting for a free core", file=sys.stderr, flush=True)
+            print("waiting for a core: other measurements occupy all of them", file=sys.stderr, flush=True)
             announced = True
         time.sleep(POLL_S)

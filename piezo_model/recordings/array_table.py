@@ -82,7 +82,7 @@ def table_of(path: Path | str, contents: Arrays) -> Table:
     ][:MOST_AXES]
     if not columns:
         raise RecordingError(
-            f"{path}: is {form} without a column of numbers"
+            f"{path}: is {form} without a column of two or more numbers"
             + f"; it holds {', '.join(unread)}; save real arrays of one or two dimensions" * bool(unread)
         )
     form += f", without {', '.join(unread)}" * bool(unread)

@@ -198,11 +198,16 @@ def seconds_since_first(times: np.ndarray) -> Vector:
 
 
 def check_size(path: Path | str, size: float, most: int | None = None) -> None:
-    """Refuse values before they are read, by the size that their file states."""
-    if size > (most := most or MOST_BYTES):
-        raise RecordingError(
-            f"{path}: states that its values take more than {most / 1e9:.3g} GB, the most that is read at once"
-        )
+    """Refuse values before they are read, by the size in bytes that their file states.
+
+    Examples
+    --------
+    >>> check_size("stage.bin", -8)
+    Traceback (most recent call last):
+    piezo_model.recordings.table.RecordingError: stage.bin: its values take -8 bytes; at most 2,147,483,648 are read
+    """
+    if not (most := most or MOST_BYTES) >= size >= 0:
+        raise RecordingError(f"{path}: its values take {size:,.0f} bytes; at most {most:,} are read")
 
 
 def free_memory() -> float:

@@ -13,7 +13,7 @@ from solvers.protocol import Lane, Solver, box_solution
 
 class Mine(Solver):
     name = "{name}"
-    lane = Lane.{lane}
+    lane = Lane.DIRECT
     algorithm = "dual active set"
     licence = "MIT"
     distribution = "nobody's"
@@ -332,7 +332,6 @@ def written(folder: Path, name: str, cheat: str | None = None) -> Path:
     path.write_text(
         FILE.format(
             name=name,
-            lane="KERNEL" if name == "times_itself" else "DIRECT",
             cheat=indent(CHEATS[name] if cheat is None else cheat, "    "),
         )
     )

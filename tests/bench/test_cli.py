@@ -58,6 +58,10 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("path-drive.csv", "time_s,reference_um\n0,1\n0.001,1\n0.002,1\n"),
         ("file", ""),
         ("empty.py", ""),
+        (
+            "compiled.py",
+            "from solvers.kernel.box_active_set import BoxActiveSet\nclass Mine(BoxActiveSet):\n    name = 'mine'\n",
+        ),
         ("full/it.fmu", "mine"),
         ("foreign/run.json", "{}"),
         ("broken/run.json", '{"settings": {'),
@@ -369,7 +373,8 @@ CORES = len(cores.usable())
         ),
         # Races.
         ((*RACE, "--solver", "best"), ["no solver 'best'", "daqp"]),
-        ((*RACE, "--solver", "best.py"), ["best.py", "not a file"]),
+        ((*RACE, "--solver", "best.py"), ["best.py: there is no such file"]),
+        ((*RACE, "--solver", "compiled.py"), ["compiled.py: is not timed inside compiled code", "its lane is direct"]),
         ((*RACE, "--set", "hard"), ["no problem set 'hard'", "paper"]),
         ((*RACE, "--name", "a/b"), ["a/b"]),
         ((*RACE, "--name", "r\udcff"), ["is not text in UTF-8"]),
@@ -543,7 +548,7 @@ def test_an_unfinished_race_is_resumed_before_its_report_and_with_its_solver_fil
 ) -> None:
     clean_race.unfinished(tmp_path / "run", solver_files=[str(tmp_path / "gone.py")])
     assert "resume it" in refused(piezobench, tmp_path, "report", "run")
-    assert "gone.py: is not a file" in refused(piezobench, tmp_path, "resume", "run", "--solver", "gone.py")
+    assert "gone.py: there is no such file" in refused(piezobench, tmp_path, "resume", "run", "--solver", "gone.py")
 
 
 def test_a_race_whose_limit_cut_a_set_says_how_to_race_all_and_one_on_named_problems_does_not(

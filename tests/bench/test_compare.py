@@ -463,7 +463,12 @@ def test_a_version_that_is_wrong_is_a_regression_however_fast_and_one_that_fails
         ("right", "{}", 0, ""),
         ("wrong", "1.0001 * {}", 3, f" is less accurate than {right}."),
         ("nan", "float('nan') * {}", 3, f" is less accurate than {right}."),
-        ("broken", "1 / 0", 2, ": failed at measured/afm_head: adapter_failed ZeroDivisionError: division by zero"),
+        (
+            "broken",
+            "1 / 0",
+            2,
+            ": failed at measured/afm_head: adapter_failed ZeroDivisionError: division by zero (broken.py:",
+        ),
     ):
         file = tmp_path / f"{name}.py"
         file.write_text(WRONG.format(change=change.format("super().solve()")))

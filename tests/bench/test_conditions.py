@@ -142,7 +142,7 @@ def test_a_process_that_waits_for_a_core_says_so_and_goes_on_when_the_one_that_h
         stderr=subprocess.PIPE,
         text=True,
     ) as waiting:
-        assert waiting.stderr.readline() == "waiting for a free core\n"
+        assert waiting.stderr.readline() == "waiting for a core: other measurements occupy all of them\n"
         process.kill()
         assert int(waiting.stdout.readline()) == theirs
         waiting.communicate("\n")

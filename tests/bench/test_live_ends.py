@@ -300,7 +300,7 @@ def test_a_run_that_is_killed_while_it_waits_for_a_core_never_touches_the_stage(
         for _ in cores.usable():
             held.enter_context(cores.claim())
         call = piezobench.start("live", "--device", stage.file, "--seconds", 1, "--no-page")
-        wait_until(lambda: "waiting for a free core" in call.stderr.read_text())
+        wait_until(lambda: "waiting for a core: other measurements occupy all of them" in call.stderr.read_text())
         call.kill()
         call.wait()
     wait_until_gone(call.pid)

@@ -383,5 +383,5 @@ def test_a_matlab_file_that_unpacks_to_more_than_is_read_is_refused_before_memor
     path = tmp_path / "bomb.mat"
     savemat(path, {"P": np.zeros((6000, 6000)), "q": np.zeros(6000)}, do_compression=True)
     assert path.stat().st_size < 2**20
-    with pytest.raises(ProblemFileError, match=r"bomb\.mat: states that its values take more than 0\.268 GB"):
+    with pytest.raises(ProblemFileError, match=r"bomb\.mat: its values take [0-9,]+ bytes; at most"):
         read(path)

@@ -10,9 +10,6 @@ import pytest
 from bench.timing.percentiles import QUANTILES, needed, percentile, rate_bound
 from bench.timing.schedule import LEAD_NS, PERIOD_NS, SPIN_NS, follow, runs
 
-TICK = 50
-"""Duration of one reading of the clock, ns."""
-
 
 class Clock:
     """A clock that advances by a tick when it is read, and by the time of sleep and work."""
@@ -21,7 +18,7 @@ class Clock:
         self.now, self.slept = 0, 0
 
     def __call__(self) -> int:
-        self.now += TICK
+        self.now += 50  # duration of one reading of the clock, ns
         return self.now
 
     def sleep(self, seconds: float) -> None:

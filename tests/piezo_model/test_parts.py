@@ -13,8 +13,6 @@ from piezo_model.identification import gram_matrix, start
 from piezo_model.identification.autocorrelation import autocorrelation_time, independent_samples
 from piezo_model.identification.creep import holds
 
-SAMPLE_TIME = 5e-3
-
 
 def swelling(cycles: float, samples: int) -> Vector:
     """A sine that swells, so that it erases the states before it slowly."""
@@ -28,7 +26,7 @@ def joined(parts: list[tuple[Vector, Vector]], noise: float = 0.1) -> Recording:
     y = np.concatenate([stage(drive, drive[0] + before) for drive, before in parts])
     y += np.random.default_rng(0).normal(0.0, noise, y.size)
     starts = np.cumsum([0, *(drive.size for drive, _ in parts[:-1])]).tolist()
-    return replace(Recording.from_arrays(u, y, SAMPLE_TIME, input_unit="V", output_unit="um"), starts=tuple(starts))
+    return replace(Recording.from_arrays(u, y, 5e-3, input_unit="V", output_unit="um"), starts=tuple(starts))
 
 
 UP, DOWN = -THRESHOLDS, np.array([0.24, 0.8, 1.1])

@@ -163,8 +163,7 @@ def test_preisach_equals_a_plane_of_single_relays():
     # Relay by relay, without plays: half widths r, centres s, and the density as the slope of the line's distribution.
     r = (np.arange(12)[:, None] + 0.5) / 12
     s = np.linspace(-1.0, 1.0, 8001)[None, :] * (1.0 - r)
-    t = (s - (0.15 - 0.5 * r)) / (1.1 - 0.6 * r)
-    density = (1.0 + t**2) ** -1.5
+    density = (1.0 + ((s - (0.15 - 0.5 * r)) / (1.1 - 0.6 * r)) ** 2) ** -1.5
     density *= np.exp(-r / 0.45) / density.sum(axis=1, keepdims=True)
     density /= density.sum()
     up, v = np.zeros(s.shape, dtype=bool), []

@@ -396,7 +396,7 @@ def test_a_file_that_was_read_can_be_written_again(tmp_path: Path) -> None:
         (
             lambda path: path.write_bytes(b"MDF     4.10    amdf8829\0\0\0\0\x9a\x01".ljust(4096, b"\0")),
             {},
-            "is neither plain text nor in a format that is read: Parquet, Arrow, NumPy, HDF5, MATLAB, Excel",
+            "is none of these: a Parquet file, a stream of Arrow batches, a NumPy file, an archive of NumPy, an Excel",
         ),
         *(
             (

@@ -190,7 +190,7 @@ SPOILED: dict[str, tuple[str, dict[str, Any], str]] = {
     "no rows in a part": (CLEAN, {"from_s": 50.0}, "has 0 rows between --from 50 and --to inf"),
     "a period that the clock contradicts": (CLEAN, {"sample_time": 0.1}, "has one sample every 0.005 s, and --sample"),
     "a length for a unit of time": (table(T, X, Y), {"time_unit": "um"}, "'um', .* of time; --time-unit"),
-    "a zero byte": (CLEAN.replace("time_s", "t\0ime_s"), {}, "neither plain text"),
+    "a zero byte": (CLEAN.replace("time_s", "t\0ime_s"), {}, "is none of these: a Parquet file"),
     "a name that two columns have": (
         table(T, X, Y, header=("Sec", "Volt", "Volt")),
         {"input": "Volt"},

@@ -94,7 +94,7 @@ def long_text(path: Path) -> None:
         changed.writestr("xl/sharedStrings.xml", f'<sst xmlns="{space}"><si><t>{"x" * 10**5}</t></si></sst>')
 
 
-MORE = "states that its values take more than 0.268 GB, the most that is read at once"
+MORE = "bytes; at most 268,435,456 are read"
 HOSTILE: dict[str, tuple[Callable[[Path], Any], str]] = {
     "HDF5": (empty_hdf5(time=HUGE, voltage=HUGE, displacement=HUGE), MORE),
     "HDF5 batch": (empty_hdf5(time=10**6, voltage=(10**6, 1000), displacement=(10**6, 1000)), MORE),

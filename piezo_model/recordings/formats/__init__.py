@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, NoReturn
 from piezo_model.recordings.array_table import Arrays, table_of
 from piezo_model.recordings.formats.arrow import open_parquet, open_stream
 from piezo_model.recordings.formats.libraries import read_hdf5, read_matlab, read_npy, read_npz, read_tdms
-from piezo_model.recordings.formats.text import HEAD_BYTES, open_text
+from piezo_model.recordings.formats.text import BYTE_ORDER_MARKS, HEAD_BYTES, open_text
 from piezo_model.recordings.formats.xlsx import open_workbook
 from piezo_model.recordings.options import ReadOptions
 from piezo_model.recordings.table import RecordingError, Table, reading
@@ -84,7 +84,12 @@ FORMATS = (
         refuse_json,
         takes=("header_row", "decimal", "table"),
     ),
-    Format("plain text", lambda path, head: True, open_text, takes=("header_row", "decimal", "table")),
+    Format(
+        "plain text",
+        lambda path, head: b"\0" not in head or head.startswith(tuple(BYTE_ORDER_MARKS)),
+        open_text,
+        takes=("header_row", "decimal", "table"),
+    ),
 )
 """In the order in which they are tried."""
 
@@ -105,7 +110,9 @@ def open_tables(path: str | Path, options: ReadOptions) -> list[Table]:
             head = file.read(HEAD_BYTES)
         if not head:
             raise RecordingError(f"{path}: is an empty file")
-        format = next(candidate for candidate in FORMATS if candidate.recognises(path, head))
+        format = next((candidate for candidate in FORMATS if candidate.recognises(path, head)), None)
+    if format is None:
+        raise RecordingError(f"{path}: is none of these: {', '.join(known.name for known in FORMATS)}")
     for name in ("header_row", "decimal", "table"):
         if getattr(options, name) is not None and name not in format.takes:
             raise RecordingError(f"{path}: is {format.name}, which takes no {name.replace('_', ' ')}")

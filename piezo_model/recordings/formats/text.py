@@ -206,7 +206,7 @@ def tables_of(source: Source, header_row: int | None, decimal: str | None) -> li
     """
     path, stop = source.path, source.size
     with source.open() as file:
-        encoding, mark = _encoding(path, file.read(HEAD_BYTES))
+        encoding, mark = _encoding(file.read(HEAD_BYTES))
     lines = _first_lines(source, encoding, mark, stop)
     layout = layout_of(lines[:SAMPLE_LINES], decimal, header_row) or layout_of(lines, decimal, header_row)
     tables: list[Table] = []
@@ -236,8 +236,8 @@ def tables_of(source: Source, header_row: int | None, decimal: str | None) -> li
 def _table(
     source: Source, encoding: str, lines: Sequence[str], layout: Layout, region: Region, begin: int, end: int
 ) -> Table:
-    start = begin + sum(_size(line, encoding) for line in lines[: layout.start])
-    start += _size(lines[layout.start][: layout.glued], encoding)
+    above = [*lines[: layout.start], lines[layout.start][: layout.glued]]
+    start = begin + sum(_size(line, encoding) for line in above)
     stop, dropped = end_of_rows(source, encoding, layout, start, end)
     clauses = {
         f"Excel, sheet {source.sheet!r}" if source.sheet else f"text{ENCODINGS[encoding]}": True,
@@ -270,16 +270,11 @@ def _first_lines(source: Source, encoding: str, begin: int, end: int) -> list[st
     return LINE.findall("".join(islice(blocks_of(source, encoding, begin, end), 2))[:HEAD_BYTES])
 
 
-def _encoding(path: Path, head: bytes) -> tuple[str, int]:
+def _encoding(head: bytes) -> tuple[str, int]:
     """Encoding, and length of the byte order mark."""
     for mark, encoding in BYTE_ORDER_MARKS.items():
         if head.startswith(mark):
             return encoding, len(mark)
-    if b"\0" in head:
-        raise RecordingError(
-            f"{path}: is neither plain text nor in a format that is read: Parquet, Arrow, NumPy, HDF5, MATLAB, Excel "
-            "or TDMS"
-        )
     try:
         codecs.getincrementaldecoder("utf-8")().decode(head)  # the last character may be cut in two
     except UnicodeDecodeError:
