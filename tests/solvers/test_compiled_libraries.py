@@ -17,7 +17,6 @@ from solvers import Entry, Lane, Problem, Solver, Unsupported, describe
 from solvers.protocol import Matrix, Vector
 
 NAMES = ("daqp", "quadprog")
-FORMS = ("boxes", "one-sided", "mixed", "rows")
 LIMITED: dict[str, dict[str, Any]] = {"daqp": {"iter_limit": 2}}
 """Too few iterations for a program with active bounds; the others are given a P that is not positive definite."""
 
@@ -55,7 +54,7 @@ def programs(form: str, d: int, count: int, seed: int = 0) -> tuple[Problem, Mat
 
 @pytest.mark.parametrize("warm", [False, True])
 @pytest.mark.parametrize("d", [2, 18, 40])
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", ["boxes", "one-sided", "mixed", "rows"])
 @pytest.mark.parametrize("name", NAMES)
 def test_the_compiled_answers_are_those_of_the_direct_lane(name: str, form: str, d: int, warm: bool) -> None:
     problem, P, q = programs(form, d, 30)

@@ -20,7 +20,7 @@ from scipy.sparse import csc_matrix, csr_matrix, issparse
 import solvers
 from solvers import Lane, Problem, Unsupported, cvxpy_lane, qpsolvers_lane
 from solvers.cvxpy_lane import square_root
-from solvers.registry import FAMILIES
+from solvers.registry import FAMILIES, OURS
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,8 @@ class Stated:
     mid: float
     high: float = 0.0
     forms: tuple[str, ...] = FORMS
+    warm: bool = False
+    """Whether a start helps."""
     gives_up: bool = False
     """Whether the library may report at 1e-9 that it found no answer."""
 
@@ -41,20 +43,20 @@ DIRECT = {
     "casadi_qpoases": Stated(1e-12, 1e-12),
     "clarabel": Stated(1e-3, 1e-3),
     "cvxopt": Stated(5e-4, 1e-6),
-    "daqp": Stated(1e-9, 1e-11),
+    "daqp": Stated(1e-9, 1e-11, warm=True),
     "highspy": Stated(1e-2, 2e-5),
-    "osqp": Stated(1e-3, 1e-5),
+    "osqp": Stated(1e-3, 1e-5, warm=True),
     "piqp": Stated(1e-3, 1e-3),
-    "proxsuite": Stated(1e-3, 1e-5),
+    "proxsuite": Stated(1e-3, 1e-5, warm=True),
     "pyqpmad": Stated(1e-11, 1e-11),
     "qoco": Stated(5e-4, 1e-6),
-    "qpalm": Stated(5e-5, 1e-7),
+    "qpalm": Stated(5e-5, 1e-7, warm=True),
     "qtqp": Stated(2e-3, 1e-6, ("boxes", "one-sided", "mixed", "rows")),
     "quadprog": Stated(1e-11, 1e-11),
     "scipy_bvls": Stated(1e-12, 1e-12, ("boxes", "one-sided", "free")),
-    "scipy_lbfgsb": Stated(2e-5, 2e-6, ("boxes", "one-sided", "mixed", "free", "fixed"), gives_up=True),
+    "scipy_lbfgsb": Stated(2e-5, 2e-6, ("boxes", "one-sided", "mixed", "free", "fixed"), gives_up=True, warm=True),
     "scipy_nnls": Stated(1e-12, 1e-12, ("one-sided",)),
-    "scs": Stated(1e-3, 1e-5),
+    "scs": Stated(1e-3, 1e-5, warm=True),
 }
 BEHIND = {
     "daqp": Stated(1e-9),
@@ -82,7 +84,6 @@ SPREAD = (
 )
 """Solvers that are also tested with variables of very different size."""
 COMPILED = ("daqp", "quadprog")
-WARM = ("daqp", "osqp", "proxsuite", "qpalm", "scipy_lbfgsb", "scs")
 UNCOUNTED = ("scipy_nnls",)
 
 LIMIT = {
@@ -240,7 +241,7 @@ def test_an_answer_is_that_of_the_last_data_whatever_was_solved_before_and_a_sol
         if step in "oPq":
             solver.update(**{part: getattr(problem.problems[which], part) for part in step.replace("o", "Pq")})
         else:
-            start = problem.answers[1 - which] if step == "w" and name in WARM else None
+            start = problem.answers[1 - which] if step == "w" and solver.warm_startable else None
             assert problem.error(solver.solve(start), which) <= stated(lane, name).mid
     solution = solver.solution()
     solver.update(problem.problems[1 - which].P, problem.problems[1 - which].q)
@@ -345,10 +346,10 @@ def test_a_start_keeps_the_answer_helps_if_the_class_declares_it_and_has_no_late
         np.testing.assert_allclose(answers[1], answers[0], rtol=1e-12, atol=1e-14)
         assert not (solver.warm_startable and np.array_equal(answers[2], answers[1]))
         return
-    assert solver.warm_startable == (name in WARM)
+    assert solver.warm_startable == DIRECT[name].warm
     assert counts[3] == counts[1]
     assert counts[0] == counts[1] or name in ("osqp", "scs")  # which keep the penalty adapted by the last solve
-    if name not in WARM:
+    if not solver.warm_startable:
         np.testing.assert_array_equal(answers[2], answers[1])
     elif name not in UNCOUNTED:
         assert counts[2] < counts[1]
@@ -359,6 +360,11 @@ def test_a_setting_that_a_library_does_not_have_is_refused(lane: Lane, name: str
     named = f"{name * (lane is Lane.KERNEL)}.*no_such_setting"
     with pytest.raises((AttributeError, TypeError, ValueError), match=named):
         ready(lane, name, pair("one-sided", 3).problems[0], no_such_setting=1)
+
+
+def test_every_library_with_a_file_of_its_own_is_tested_here() -> None:
+    own = {entry.name for entry in solvers.entries() if entry.lane is Lane.DIRECT and not entry.path}
+    assert own - OURS - {"copt", "gurobi", "xpress"} == {*DIRECT}
 
 
 def test_the_time_limit_of_highspy_counts_from_each_solve() -> None:
