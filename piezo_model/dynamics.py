@@ -205,14 +205,14 @@ class Dynamics(Immutable):
         near, half = np.sinh(np.linspace(-7.0, 7.0, 4001)), 0.5 / sample_time
         around = [f * (1.0 + zeta * near) for f, zeta in zip(self.frequencies_Hz, self.damping, strict=True)]
         f = np.concatenate([np.geomspace(1e-7, 0.5, 20_000) / sample_time, *around])
-        alias = np.abs((f + half) % (2.0 * half) - half)  # for modes above half the sampling rate
-        f = np.unique(np.maximum(alias, 1e-9 * half))
+        # The alias, for modes above half the sampling rate.
+        f = np.unique(np.maximum(np.abs((f + half) % (2.0 * half) - half), 1e-9 * half))
         q = np.exp(-2j * np.pi * f * sample_time)
         loop = self.response(f, sample_time) * self._amplifier(f, sample_time) * sample_time * q / (1.0 - q)
         for D, R in inverted.pole_pairs(sample_time) if inverted else ():
             loop *= np.polyval(D[::-1], q) / np.polyval(R[::-1], q)
-        crossings = np.append(loop.imag[:-1] * loop.imag[1:] <= 0.0, True)  # including half the sampling rate
-        least = float(np.min(loop.real[crossings]))
+        # At crossings of the real axis, and at half the sampling rate.
+        least = float(np.min(loop.real[np.append(loop.imag[:-1] * loop.imag[1:] <= 0.0, True)]))
         return -1.0 / least if least < 0.0 else math.inf
 
     def anticipated(self, y: ArrayLike, sample_time: float, *, amplifier: bool = False) -> Vector:

@@ -316,8 +316,8 @@ def _gain(
     """The fraction of the residual of some columns, beyond noise, that further columns explain, and its χ²."""
     fewer, residual = (_fit(error, regressors, independent)[1] for regressors in (columns, columns + more))
     before, after = float(fewer @ fewer), float(residual @ residual)
-    variance = np.mean(np.diff(residual, 3) ** 2) / 20.0  # 20 = 1² + 3² + 3² + 1²
-    noise = float(variance) * (residual.size + NOISE_ERROR * math.sqrt(residual.size))
+    # 20 = 1² + 3² + 3² + 1²
+    noise = float(np.mean(np.diff(residual, 3) ** 2)) / 20.0 * (residual.size + NOISE_ERROR * math.sqrt(residual.size))
     explainable = before - min(noise, 0.999 * after)
     smallest = EXACT * residual.size
     return (before - after) / max(explainable, smallest), independent(residual) * (before - after) / max(

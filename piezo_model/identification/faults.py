@@ -4,7 +4,7 @@
     held output        y changes at k = k₀ + j p only, p ≥ 2
     limit              y = L − b max(t − f, 0), where t is the drive's distance from the end of a rise, f ≥ 5 %
     slew limit         edges of size A rise at a slope A^c with c near 0 and far from the 1 of a linear stage
-    lost rows          y(k) = ŷ(k − a) before some sample and ŷ(k − b) after it, a ≠ b, or x for ŷ
+    lost rows          y(k) = F[x](k) before some sample and F[x](k + a) after it, for functions F of plays
     clock jitter       E e² = σ² + τ² (dŷ/dt)² for a white e = y − ŷ
 
 A hypothesis is a function that returns its evidence, a sentence, or None where the data do not show it or leave it
@@ -21,6 +21,7 @@ section 2.3, for the noise of a jittering clock.
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -29,6 +30,7 @@ from scipy.optimize import nnls
 from scipy.signal import find_peaks
 from scipy.stats import linregress, theilslopes
 
+from piezo_model.operators import play
 from piezo_model.recordings import Recording
 from piezo_model.units import percent, quantity
 from solvers.arrays import Mask, Vector
@@ -47,9 +49,11 @@ LATER, ONE_SLOPE, UNEQUAL, SURE, LARGE = 1.1, 0.35, 0.03, 3.0, 0.25
 """Of a slew limit: smallest ratio of the output's rise to the drive's; largest exponent c, and largest deviation of the
 slopes' logarithms; their smallest error, and smallest relative difference of the drive's steps; smallest distance of c
 from 1, in its standard errors; smallest size, a share of the largest: small edges are linear."""
-SHIFTS, BLOCKS, SHIFTED, HELPED = 40, 16, (0.5, 0.35), 0.8
-"""Largest shift in samples, blocks, and largest ratio of the squares with two shifts to those with one, of the model
-and of the drive; and of the model if it is only clear of the drive, of which a loop is a shift where it cycles."""
+SHIFTS, BLOCKS, SEARCHED, SHIFTED, LOUD = 40, 16, 4000, 0.5, 2.0
+"""Of lost rows: largest shift in samples, blocks, most samples that are searched, largest ratio of the squares with two
+shifts to those with one, and smallest ratio of the model's error to the noise."""
+RADII, KNOTS = np.arange(8) / 16.0, (0.2, 0.4, 0.6, 0.8)
+"""Radii of the plays for lost rows, and where their functions bend."""
 GROUPS, UNEVEN, WHITE, CLEAR, LEAST_JITTER, MEDIAN = 12, 0.7, 0.25, 1.5, 0.03, 0.455
 """Of clock jitter: groups of samples of one speed; largest error of their logarithmic variances; largest mean of the
 logarithmic ratio of first to third differences, which is 0 for white errors and 0.5 for jumps; smallest ratio of what a
@@ -90,6 +94,12 @@ class Signals:
             span,
             recording,
         )
+
+    @cached_property
+    def noise(self) -> float:
+        """RMS noise and rounding of the output, by the third differences of the error."""
+        noise = np.median(np.diff(self.v - self.model, 3) ** 2) / (20.0 * MEDIAN)
+        return float(np.sqrt(noise + quantum_of(self.v) ** 2 / 12.0))
 
     def size(self, share: float, digits: int = 2) -> str:
         """A difference of outputs in words."""
@@ -191,22 +201,25 @@ def slew_limit(s: Signals) -> str | None:
 
 
 def lost_rows(s: Signals) -> str | None:
-    """One shift of the output before some block, and another one after it."""
-    inner, left = s.v[SHIFTS:-SHIFTS], list[float]()
-    cuts = np.linspace(0, inner.size, BLOCKS + 1).astype(int)[:-1]
-    for known, most in zip((s.model, s.u), SHIFTED, strict=True):  # what a model errs by a shift, the drive does not
-        errors = (inner - known[shift : shift + inner.size] for shift in range(2 * SHIFTS + 1))
-        squares = np.array([np.add.reduceat((error - error.mean()) ** 2, cuts) for error in errors]) + EXACT**2
-        before, after = np.cumsum(squares, axis=1), np.cumsum(squares[:, ::-1], axis=1)[:, ::-1]
-        split = int(np.argmin(before.min(axis=0)[:-1] + after.min(axis=0)[1:]))
-        by = abs(int(np.argmin(before[:, split])) - int(np.argmin(after[:, split + 1])))
-        left.append((before[:, split].min() + after[:, split + 1].min()) / before[:, -1].min())
-        if by and left[-1] < most and left[0] < HELPED:
-            return (
-                f"The output shifts by {by} sample{'s' * (by > 1)} after about {s.time(cuts[split + 1] + SHIFTS)}: one "
-                "of the signals has lost rows."
-            )
-    return None
+    """Where the model leaves more than noise: functions of plays of the drive before some block, and of the drive by
+    another shift after it, have less than half the error of those by one shift."""
+    if np.std(s.v - s.model) < LOUD * s.noise:
+        return None
+    at = np.arange(SHIFTS, s.u.size - SHIFTS, 1 + s.u.size // SEARCHED)
+    plays = play(s.u, RADII, np.full(RADII.size, s.u[0]))[0]
+    known = np.column_stack([s.u**0, np.gradient(s.u), plays, *(np.maximum(plays - z, 0.0) for z in KNOTS)])
+    rows = (np.column_stack([known[at + shift], s.v[at]]) for shift in range(-SHIFTS, SHIFTS + 1))
+    grams = np.array([[block.T @ block for block in np.array_split(shifted, BLOCKS)] for shifted in rows])
+    whole, until = grams.sum(axis=1), np.cumsum(grams, axis=1)[:, :-1]
+    squares = _squares(until[SHIFTS] + whole[:, None] - until)
+    after, block = np.unravel_index(np.argmin(squares), squares.shape)
+    by = abs(int(after) - int(np.argmin(_squares(until[:, block] + whole[after] - until[after, block]))))
+    return (
+        f"The output shifts by {by} sample{'s' * (by > 1)} after about "
+        f"{s.time(at[(block + 1) * at.size // BLOCKS])}: one of the signals has lost rows."
+        if by and squares[after, block] < SHIFTED * _squares(whole).min()
+        else None
+    )
 
 
 def clock_jitter(s: Signals) -> str | None:
@@ -238,12 +251,11 @@ def clock_jitter(s: Signals) -> str | None:
 
 def unexplained(s: Signals) -> str | None:
     """An error far above the noise and the rounding of the output."""
-    error, rounding = s.v - s.model, quantum_of(s.v) ** 2 / 12.0
-    rms, noise = np.sqrt(np.mean(error**2)), np.sqrt(np.median(np.diff(error, 3) ** 2) / (20.0 * MEDIAN) + rounding)
+    rms = float(np.sqrt(np.mean((s.v - s.model) ** 2)))
     return (
-        f"The model leaves {percent(100.0 * rms)} of the range, {rms / noise:.2g} times the noise, which is none of "
+        f"The model leaves {percent(100.0 * rms)} of the range, {rms / s.noise:.2g} times the noise, which is none of "
         "the known faults."
-        if rms > max(NOTABLE, MANY * noise)
+        if rms > max(NOTABLE, MANY * s.noise)
         else None
     )
 
@@ -274,6 +286,12 @@ def _nearby(values: Vector | Mask) -> Vector:
 def quantum_of(v: Vector) -> float:
     """Smallest distance of two values of an output."""
     return float((apart := np.diff(np.unique(v)))[apart > EXACT].min(initial=1.0))
+
+
+def _squares(grams: np.ndarray) -> Vector:
+    """Squares (…) that a regression leaves, by the Gram matrices (…, p, p) of its columns and, last, of the output."""
+    ridge = EXACT * np.trace(grams, axis1=-2, axis2=-1)[..., None, None] / grams.shape[-1]
+    return np.asarray(1.0 / np.linalg.inv(grams + ridge * np.eye(grams.shape[-1]))[..., -1, -1])
 
 
 def _rises(u: Vector) -> Iterator[slice]:

@@ -339,8 +339,9 @@ def _begin(
         return separate(recording, start, choice, lag, options.skip or 0, qp_solver)
 
     def alone(recording: Recording, view: StaticView, evidence: CreepEvidence) -> Identification:
-        levels = Columns.none(recording.length)
-        return Identification(recording, view, evidence, [evidence.rates], levels, [], options, qp_solver)
+        return Identification(
+            recording, view, evidence, [evidence.rates], Columns.none(recording.length), [], options, qp_solver
+        )
 
     def fit_alone(recording: Recording, view: StaticView, evidence: CreepEvidence) -> ForwardFit:
         identification = alone(recording, view, evidence)

@@ -117,8 +117,8 @@ class Actuator(Plant):
         """Add the creep of the module to the output of a hysteresis operator, (N,) in [−1, 1]."""
         z = np.empty((u.size, self._a.size))
         bindings.creep(u, np.zeros(self._a.size), self._a, self._memory["z_creep"], z)
-        K = sum(z.T) / self._a.size  # rate by rate, so that chunks of any size give the same bits
-        return (1.0 - self.creep_share) * hysteresis + self.creep_share * K
+        # Rate by rate, so that chunks of any size give the same bits.
+        return (1.0 - self.creep_share) * hysteresis + self.creep_share * (sum(z.T) / self._a.size)
 
     def _rest_of_log_creep(self) -> Memory:
         return {"z_creep": np.full(self._a.size, -1.0)}

@@ -210,8 +210,7 @@ def _find_time_by_name(roles: Roles) -> None:
 
 
 def _find_time_by_values(roles: Roles) -> None:
-    clocks = [k for k in roles.candidates if roles.table.columns[k].kind == "clock"]
-    roles.assign("time", clocks, "as the only clock")
+    roles.assign("time", [k for k in roles.candidates if roles.table.columns[k].kind == "clock"], "as the only clock")
     roles.assign("time", [k for k in roles.rises if roles.rises[k]], "as the only one that never falls")
 
 
@@ -224,8 +223,7 @@ def _time_rank(column: Column) -> int | None:
 
 def _find_reference(roles: Roles, clockless: bool) -> None:
     columns = roles.table.columns
-    setpoints = [k for k in roles.free() if is_setpoint(columns[k]) or columns[k].stem == "r"]
-    roles.assign("reference", setpoints, "by name")
+    roles.assign("reference", [k for k in roles.free() if is_setpoint(columns[k]) or columns[k].stem == "r"], "by name")
     roles.assign("reference", [k for k in roles.free() if vote(columns[k]) < 0], "by name")
     if not clockless and len(roles.free()) > 1 and not {"time", "reference"} <= roles.columns.keys():
         _find_time_by_values(roles)

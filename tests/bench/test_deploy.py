@@ -503,8 +503,7 @@ def test_what_no_compensator_or_file_can_have_is_refused_and_the_file_stays(
 
 
 def test_a_compensator_starts_with_its_model_solver_and_limits_and_other_options(tmp_path: Path) -> None:
-    made = deployment(solver=STEPPED, settings={"steps": 100})
-    learner = saved_and_loaded(made, tmp_path).learner(build_s=1.0)
+    learner = saved_and_loaded(deployment(solver=STEPPED, settings={"steps": 100}), tmp_path).learner(build_s=1.0)
     chosen = learner.settings
     assert (chosen.solver, chosen.x_limits, chosen.build_s) == (STEPPED, (1.0, 9.0), 1.0)
     assert (learner.structure, learner.step(1e9, math.nan)) == (MODEL.structure, 9.0)

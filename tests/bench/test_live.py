@@ -106,8 +106,9 @@ def test_the_recording_of_a_run_gives_a_model_as_good_as_that_of_an_open_loop_re
     over_that_range = multi_sine(duration_s=20.0, sample_time=1.0 / rate, low=10.0, high=140.0, highest_Hz=1.0)
     for name, x in (("same_drive.csv", held), ("same_range.csv", over_that_range)):
         sensor = plants.Sensor(plants.get("relay_preisach", sample_time=1.0 / rate), noise_um=0.002, seed=1)
-        times = np.arange(x.size) / rate
-        write_table(tmp_path / name, {"time_s": times, "drive_V": x, "displacement_um": sensor.run(x)})
+        write_table(
+            tmp_path / name, {"time_s": np.arange(x.size) / rate, "drive_V": x, "displacement_um": sensor.run(x)}
+        )
 
     def error_of_model(name: str, *words: object) -> float:
         made = tmp_path / f"{name}.json"

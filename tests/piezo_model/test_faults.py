@@ -9,7 +9,7 @@ from numpy.random import Generator
 from recording_kinds import SAMPLE_TIME, Vector, creeping, drive, loops, noisy, resonant
 
 from piezo_model import IdentificationError, Recording, identify
-from piezo_model.identification.faults import Signals, faults_of, unexplained
+from piezo_model.identification.faults import Signals, faults_of, lost_rows, unexplained
 from piezo_model.operators import play
 
 K = np.arange(6000)
@@ -97,7 +97,9 @@ def test_what_resembles_a_fault_is_not_named(control: str, form: int | str, nois
     rng = np.random.default_rng(6)
     u = RESTING[form](rng) if isinstance(form, str) else drive(rng, K.size, form)
     clean, held = CONTROLS[control](u), u[K // 7 * 7] if "held" in control else u
-    assert faults_of(signals(held, noisy(rng, clean, noise), u if "leaves" in control else clean)) == []
+    measured = noisy(rng, clean, noise)
+    assert faults_of(signals(held, measured, u if "leaves" in control else clean)) == []
+    assert lost_rows(signals(held, measured, 0.0 * u)) is None, "whatever the model leaves"
 
 
 def test_an_error_that_no_fault_explains_has_a_sentence_without_a_name() -> None:

@@ -213,8 +213,7 @@ def tables_of(source: Source, header_row: int | None, decimal: str | None) -> li
     if layout is not None and not (source.sheet and layout.dialect.separator != "\t"):
         blocks = blocks_of(source, encoding, mark, stop)
         regions = regions_of(blocks, layout.dialect, lambda text: _size(text, encoding))
-        ends = [*(mark + region.begin for region in regions[1:]), stop]
-        spans = [*zip(regions, ends, strict=True)]
+        spans = [*zip(regions, [*(mark + region.begin for region in regions[1:]), stop], strict=True)]
         if header_row is not None:
             spans = [span for span in spans if span[0].line < max(header_row, 1)][-1:]
         for region, end in spans:
