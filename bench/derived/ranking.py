@@ -18,7 +18,7 @@ of conversion and repeated set-up.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -119,9 +119,14 @@ def of_paper(rows: pd.DataFrame) -> pd.DataFrame:
     return rows[(rows.lane == lane) & (rows.status != Status.UNSUPPORTED)]
 
 
-def short_table(lines: Sequence[Line], terminal: bool = False) -> Table:
-    """The ranking as text, in cells of at most eleven characters; for a terminal without the wrapper lanes."""
-    lines = [line for line in lines if not terminal or line.lane not in FAMILIES] or lines
+def short_table(lines: Sequence[Line], own: Collection[str] | None = None) -> Table:
+    """The ranking as text, in cells of at most eleven characters; for a terminal, with the lanes of the user's ``own``
+    solvers first and without the wrapper lanes."""
+    if own is not None:
+        lines = sorted(
+            [line for line in lines if line.lane not in FAMILIES] or lines,
+            key=lambda line: f"{line.name} ({line.lane})" not in own,
+        )
     targets = [tier for tier in TARGETS if any(tier in line.results for line in lines)]
     rows = [
         [
@@ -144,9 +149,9 @@ def short_table(lines: Sequence[Line], terminal: bool = False) -> Table:
         rows,
         2,
         ("lane",),
-        f"{COST_GAP} Times: µs of update and solve at the loosest setting that is right on every problem. ✗2/3: there "
-        "is none; the best is right on 2 of 3. Lanes that were raced on fewer problems come last, with their number. ="
-        f": the same setting as in the column before. {OURS_NOTE}",
+        f"{'Your own solvers come first. ' * bool(own)}{COST_GAP} Times: µs of update and solve at the loosest setting "
+        "that is right on every problem. ✗2/3: there is none; the best is right on 2 of 3. Lanes that were raced on "
+        f"fewer problems come last, with their number. =: the same setting as in the column before. {OURS_NOTE}",
         tips={
             (i, 2 + targets.index(tier)): f"errs most on {result.worst}"
             for i, line in enumerate(lines)

@@ -102,7 +102,7 @@ def report(run: Run, race: RaceSettings) -> Report:
         ranking.short_table(table),
         lines,
         figures(measurements),
-        terminal=ranking.short_table(table, terminal=True),
+        terminal=ranking.short_table(table, measurements.own),
         scope=f"{measurements.problems} problem{'s' if measurements.problems != 1 else ''}",
         notes=[
             *verdict.warm_starts(lines),

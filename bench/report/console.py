@@ -129,5 +129,7 @@ def plain_json(value: Any) -> Any:
     >>> plain_json({"a": (1.0, float("nan")), "b": "x"})
     {'a': [1.0, None], 'b': 'x'}
     """
-    text = json.dumps(value, default=lambda other: other.item() if isinstance(other, np.generic) else str(other))
-    return json.loads(text, parse_constant=lambda _: None)
+    return json.loads(
+        json.dumps(value, default=lambda other: other.item() if isinstance(other, np.generic) else str(other)),
+        parse_constant=lambda _: None,
+    )

@@ -14,9 +14,9 @@ from bench.messages.task import PAPER, Row
 from bench.races.figures import figures
 
 
-def cells(rows: list[Row], terminal: bool = False) -> dict[str, list[str]]:
+def cells(rows: list[Row], own: list[str] | None = None) -> dict[str, list[str]]:
     """The cells of each line for 1e-3, 1e-6, 1e-9, 1e-12, then the stage and the default."""
-    shown = short_table(ranking(measured(rows)), terminal).rows
+    shown = short_table(ranking(measured(rows)), own).rows
     return {str(line[0]): [str(cell) for cell in line[2:]] for line in shown}
 
 
@@ -42,27 +42,33 @@ LANES = [
 
 
 @pytest.mark.parametrize(
-    ("rows", "terminal", "expected"),
+    ("rows", "own", "expected"),
     [
         *(
             pytest.param(
                 FAILS_ONCE,
-                terminal,
+                own,
                 {"daqp": ["1", "✗2/3", "✗2/3", "✗2/3", "–"]},
                 id="no time for a tier that is not reached but the number of problems that are right",
             )
-            for terminal in (False, True)
+            for own in (None, [])
         ),
         *(
             pytest.param(
-                ladder({"p1": [1e-12]}, solve_us_p50=us), terminal, {"daqp": [text, "=", "=", "=", "–"]}, id="a time"
+                ladder({"p1": [1e-12]}, solve_us_p50=us), own, {"daqp": [text, "=", "=", "=", "–"]}, id="a time"
             )
             for us, text in ((0.934, "0.934"), (6.57, "6.57"), (1900.0, "1900"), (1.9e6, "1.9e6"), (25_000.0, "25000"))
-            for terminal in (False, True)
+            for own in (None, [])
         ),
-        pytest.param(LANES, False, dict.fromkeys(("daqp", "quadprog", "clarabel", "box_active_set†")), id="a report"),
-        pytest.param(LANES, True, dict.fromkeys(("daqp", "box_active_set†")), id="a terminal: lanes with a ladder"),
-        pytest.param(LANES[1:3], True, dict.fromkeys(("quadprog", "clarabel")), id="a terminal without such lanes"),
+        pytest.param(LANES, None, dict.fromkeys(("daqp", "quadprog", "clarabel", "box_active_set†")), id="a report"),
+        pytest.param(LANES, [], dict.fromkeys(("daqp", "box_active_set†")), id="a terminal: lanes with a ladder"),
+        pytest.param(
+            [*LANES, row(solver="mine", cost_gap=1e-2)],
+            ["mine (direct)"],
+            dict.fromkeys(("mine", "daqp", "box_active_set†")),
+            id="a terminal: one's own solvers first",
+        ),
+        pytest.param(LANES[1:3], [], dict.fromkeys(("quadprog", "clarabel")), id="a terminal without such lanes"),
         pytest.param(
             [
                 *ladder({"p1": [1e-14]}, solve_us_p50=5.0),
@@ -71,13 +77,13 @@ LANES = [
                 row(solver="raw_alone", scaling="raw"),
                 row(solver="warm_alone", start="warm"),
             ],
-            False,
+            None,
             {"daqp": ["5", "=", "=", "=", "–"]},
             id="cold rows of the first scaling only",
         ),
-        pytest.param([row(), *REFUSED], False, {"daqp": None}, id="the paper's method supports no problem"),
+        pytest.param([row(), *REFUSED], None, {"daqp": None}, id="the paper's method supports no problem"),
         pytest.param(
-            FEWER[-4:], False, {"lost": None, "slow (1 problem)": None}, id="raced on fewer problems, and so the last"
+            FEWER[-4:], None, {"lost": None, "slow (1 problem)": None}, id="raced on fewer problems, and so the last"
         ),
         pytest.param(
             [
@@ -87,16 +93,16 @@ LANES = [
                     for name in RIGHT
                 ),
             ],
-            False,
+            None,
             {"lost": None, "slow (1 problem)": None},
             id="raced on fewer problems except at its defaults",
         ),
     ],
 )
 def test_the_table_has_the_times_of_each_lane_in_the_order_of_its_accuracy(
-    rows: list[Row], terminal: bool, expected: dict[str, list[str] | None]
+    rows: list[Row], own: list[str] | None, expected: dict[str, list[str] | None]
 ) -> None:
-    found = cells(rows, terminal)
+    found = cells(rows, own)
     assert [*found] == [*expected]
     assert {name: line and found[name] for name, line in expected.items()} == expected
 
