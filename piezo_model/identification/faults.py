@@ -261,10 +261,12 @@ def unexplained(s: Signals) -> str | None:
 
 
 FAULTS: tuple[tuple[Callable[[Signals], str | None], ...], ...] = (
-    (repeated_output, held_output, spikes, limit, slew_limit),
-    (lost_rows, clock_jitter),
+    (repeated_output, held_output, spikes),
+    (lost_rows,),
+    (limit, slew_limit),
+    (clock_jitter,),
 )
-"""Faults of the signals, and of the error, which is no evidence where a fault of the signals leaves one."""
+"""Each kind may look like a later one: an output that is ahead of its drive rests or falls before the drive turns."""
 
 
 def faults_of(signals: Signals) -> list[str]:

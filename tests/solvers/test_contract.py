@@ -225,18 +225,19 @@ PROMISES = {
 }
 
 
-def is_slow(entry: Entry, promises: Callable[[str, str], None]) -> bool:
+def marks_of(entry: Entry, promises: Callable[[str, str], None]) -> list[pytest.MarkDecorator]:
     """JAX traces every call, a commercial library has a process for each promise, and the packages of two lanes refuse
-    in one class what is wrong, whichever library is behind it."""
+    in one class what is wrong, whichever library is behind it; with JAX this takes minutes."""
     one_class = promises is refuse_what_is_wrong and entry.lane in (Lane.QPSOLVERS, Lane.CVXPY)
-    return entry.name in ("qpax", *COMMERCIAL) or (one_class and entry.name not in ("daqp", "highs", "clarabel"))
+    slow = entry.name in ("qpax", *COMMERCIAL) or (one_class and entry.name not in ("daqp", "highs", "clarabel"))
+    return [pytest.mark.slow] * slow + [pytest.mark.nightly] * (one_class and entry.name == "qpax")
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")  # of qpsolvers and cvxpy, and true
 @pytest.mark.parametrize(
     ("entry", "promises"),
     [
-        pytest.param(e, f, id=f"{e.lane} {e.name}-{words}", marks=[pytest.mark.slow] * is_slow(e, f))
+        pytest.param(e, f, id=f"{e.lane} {e.name}-{words}", marks=marks_of(e, f))
         for e, (f, words) in product(entries(), PROMISES.items())
     ],
 )
