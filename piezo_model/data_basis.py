@@ -97,8 +97,10 @@ class DataBasis(Stateful):
             first = int(np.argmax(known))
             bindings.basis_update(self._core.block, x[:first], y[:first])
             x, y, known, r, state = x[first:], y[first:], known[first:], self._core["r"], self.state
-            first_play = np.maximum(x[0] - r, np.minimum(x[0] + r, state.play))
-            self._start = OperatorState(first_play, state.creep.copy())
+            self._start = OperatorState(
+                np.maximum(x[0] - r, np.minimum(x[0] + r, state.play)),
+                state.creep.copy(),
+            )
         low, high = self._span[::2], self._span[1::2]
         self._span[::2] = np.minimum(low, (x[known].min(initial=np.inf), y[known].min(initial=np.inf)))
         self._span[1::2] = np.maximum(high, (x[known].max(initial=-np.inf), y[known].max(initial=-np.inf)))

@@ -140,8 +140,9 @@ class OperatorState(Stateful):
         def read(states: Vector) -> Vector:
             return (np.interp(thresholds, r, states[: structure.n + 1]) - shift) / scale
 
-        creep = [read(z) for z in self.creep.reshape(-1, structure.lanes)]
-        return self.from_dict({"play": read(self.play), "creep": creep}, other)
+        return self.from_dict(
+            {"play": read(self.play), "creep": [read(z) for z in self.creep.reshape(-1, structure.lanes)]}, other
+        )
 
     def copy(self) -> OperatorState:
         """Return an independent copy."""

@@ -45,8 +45,9 @@ def advance(s: ModelStructure, arrays: Arrays, x: Vector, state: OperatorState) 
 
 def behind_amplifier(s: ModelStructure, dynamics: Dynamics | None, x: Vector, state: OperatorState) -> Vector:
     """The input (N,) of the actuator behind the amplifier, which was in equilibrium at the initial states."""
-    before = s.x_centre + s.x_scale * float(state.play[0])
-    return x if dynamics is None else dynamics.amplified(x, s.sample_time, before)
+    return (
+        x if dynamics is None else dynamics.amplified(x, s.sample_time, s.x_centre + s.x_scale * float(state.play[0]))
+    )
 
 
 def before_dynamics(
@@ -62,8 +63,8 @@ def behind_dynamics(
     """Output (N,) behind the dynamics, for the output before them, from equilibrium at the initial states."""
     if dynamics is None:
         return static
-    balance = advance(s, arrays, np.array([s.x_centre + s.x_scale * state.play[0]]), state)[0]
-    return dynamics.filter(static, s.sample_time, float(balance[0]))
+    (balance,), _ = advance(s, arrays, np.array([s.x_centre + s.x_scale * state.play[0]]), state)
+    return dynamics.filter(static, s.sample_time, float(balance))
 
 
 def respond(s: ModelStructure, arrays: Arrays, dynamics: Dynamics | None, x: Vector, state: OperatorState) -> Vector:

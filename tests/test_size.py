@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-CEILINGS = {"bench": 6347, "piezo_model": 6222, "solvers": 2150, "tests": 11894, "C": 3547}
+CEILINGS = {"bench": 6347, "piezo_model": 6222, "solvers": 2150, "tests": 11896, "C": 3547}
 """Most Python statements of each folder, docstrings not counted, and most semicolons of C."""
 APART = re.compile(r"/\*.*?\*/|//[^\n]*|\"(?:\\.|[^\"\\])*\"|'(?:\\.|[^'\\])*'", re.DOTALL)
 """Comments and literals of C."""

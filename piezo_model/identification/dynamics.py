@@ -40,10 +40,11 @@ from piezo_model.units import quantity
 DynamicsChoice = Literal["estimate", "ignore"]
 LagChoice = Literal["estimate", "remove", "ignore"]
 
-SAMPLES, DELAY, WHOLE, ALIASED = 100_000, 0.7, 0.7, 1 / 6
+SAMPLES, DELAY, WHOLE, EVIDENT, ALIASED = 100_000, 0.7, 0.7, 0.5, 1 / 6
 """Samples from the start that are used; initial delay in samples; share of the static gain below which one fit also
-starts with the residual compliance of the scan; lowest frequency of a drive in cycles a sample, above which all
-harmonics of hysteresis are aliased and look like modes."""
+starts with the residual compliance of the scan; smallest gain in the scan of a mode that is tried without it, too, if
+no fit finds it; lowest frequency of a drive in cycles a sample, above which all harmonics of hysteresis are aliased and
+look like modes."""
 SMALLEST_LAG, GAIN, RESOLUTION, STEPS = 0.1, 0.1, 0.01, 10
 """Smallest lag in samples that is significant; smallest relative gain of the error; distance from the search limit, in
 samples, at which the lag may be longer; most steps of a fit, each of which moves by about a sample."""
@@ -144,17 +145,23 @@ def _with_modes(
     peak, (lowest, highest) = spectra.peak(), band_of(head)
     if not peak.is_plausible or (peak.damping > LIGHTLY_DAMPED and peak.frequency_Hz > highest) or lowest * T > ALIASED:
         return None, None
-    share = 1.0 if peak.share > WHOLE else max(peak.share, SMALLEST_GAIN)
-    begin = Dynamics((peak.frequency_Hz,), (peak.damping,), (share,), DELAY * T)
-    initial = prepare(_through_inverse(recording, begin))
-    trials = DynamicsTrials.of(head, initial, qp_solver)
-    s, delay = trials.structure, Parameters(Dynamics((), (), (), DELAY * T), T, free=True)
-    # the inverse of a mode that is none spoils the first fit, so that of the output itself is a start too
-    states = [state_on(plain.fit.structure, state, s) for state in plain.fit.states]
-    v = s.inverse_slope_map @ qp_solver.optimum(accumulate(head, trials.counted, s, states, qp_solver))
-    none = min((start.fit(delay) for start in (trials, replace(trials, states=states, v=v))), key=lambda fit: fit.cost)
-    best, rest = trials.best(none, Parameters(begin, T, free=True, residual=share < 1.0), spectra)
-    if best is None:
+    # A delay of more than a sample looks like residual compliance, so a mode that is evident may be whole in any case.
+    for share in dict.fromkeys(
+        [1.0 if peak.share > WHOLE else max(peak.share, SMALLEST_GAIN), *[1.0] * (peak.gain > EVIDENT)]
+    ):
+        begin = Dynamics((peak.frequency_Hz,), (peak.damping,), (share,), DELAY * T)
+        initial = prepare(_through_inverse(recording, begin))
+        trials = DynamicsTrials.of(head, initial, qp_solver)
+        s, delay = trials.structure, Parameters(Dynamics((), (), (), DELAY * T), T, free=True)
+        # the inverse of a mode that is none spoils the first fit, so that of the output itself is a start too
+        states = [state_on(plain.fit.structure, state, s) for state in plain.fit.states]
+        v = s.inverse_slope_map @ qp_solver.optimum(accumulate(head, trials.counted, s, states, qp_solver))
+        starts = trials, replace(trials, states=states, v=v)
+        none = min((start.fit(delay) for start in starts), key=lambda fit: fit.cost)
+        best, rest = trials.best(none, Parameters(begin, T, free=True, residual=share < 1.0), spectra)
+        if best is not None:
+            break
+    else:
         return None, None
     finding = trials.judge(none, best, peak.gain, rest)
     if not finding.kept:

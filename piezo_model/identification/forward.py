@@ -219,8 +219,12 @@ def _by_parts(
     recording: Recording, signal: Vector, states: States, respond: Callable[[float, Vector, OperatorState], Vector]
 ) -> Vector:
     """A response to a signal (N,), from the sampling period of each part of a recording and the states before it."""
-    parts = zip(recording.periods, recording.parts, states, strict=True)
-    return np.concatenate([respond(T, signal[part], state) for T, part, state in parts])
+    return np.concatenate(
+        [
+            respond(T, signal[part], state)
+            for T, part, state in zip(recording.periods, recording.parts, states, strict=True)
+        ]
+    )
 
 
 def _error_scale(recording: Recording, counted: Mask) -> Vector:

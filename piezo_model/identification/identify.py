@@ -178,8 +178,11 @@ def identify(
 
     model = _identify(recordings, options, ProgramSolver(solver, proximal), progress)
     digests = tuple(recording.digest() for recording in recordings)
-    remarks = [note for recording in recordings for note in recording.notes]
-    report = {**model.report, "recording": digests[0], "remarks": remarks}
+    report = {
+        **model.report,
+        "recording": digests[0],
+        "remarks": [note for recording in recordings for note in recording.notes],
+    }
     later = tuple(States(play=part["play"], creep=part["creep"]) for part in report["parts"])
     return replace(model, report=report, fitted=Provenance(digests[0], report["fit"]["skipped"], later, digests[1:]))
 

@@ -2,7 +2,8 @@
 
     level      all outputs at that of the first recording, by lines over the inputs that each shares with it
     start      searched for each part, since what one recording leaves open the others do not
-    dynamics   from the recording with the shortest sampling period; the lag of any other one is its own, and is removed
+    dynamics   from the first recording with a mode, in the order of the sampling periods, or else from the one with the
+               shortest; the lag of any other one is its own, and is removed
     creep      from the longest recording that distinguishes it from hysteresis, at its rates and possibly faster ones
     weights    each recording counts by the error of a fit of it alone, not by its number of samples
 
@@ -147,12 +148,16 @@ def joint_start(
 
     IdentificationError if the output rises with the input in one recording and falls in another.
     """
-    fastest = min(recordings, key=lambda recording: recording.sample_time)
-    source = static_view(fastest, first)
+    views = list[tuple[Recording, StaticView]]()
+    for recording in sorted(recordings, key=lambda recording: recording.sample_time):
+        views.append((recording, static_view(recording, at_period(first, None, recording.sample_time)[0])))
+        if (g := views[-1][1].dynamics) and g.frequencies_Hz:
+            break
+    shown_by, source = views[-1] if g and g.frequencies_Hz else views[0]
 
     def fit_single(recording: Recording) -> SingleFit:
         s, known = at_period(first, source.dynamics, recording.sample_time)
-        if recording is fastest:
+        if recording is shown_by:
             view = source
         elif known:
             view = static_view(recording, s, known)

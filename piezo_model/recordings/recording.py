@@ -372,8 +372,7 @@ class Recording(Source):
             f"{clock}{f'; {gaps} of them not counted' * bool(gaps)}"
         )
         input = self._describe_signal("input", self.input_unit, self.x_range)
-        output = self._describe_signal("output", self.output_unit, self.y_range)
-        second = f"{input}, {output}{self._describe_guesses()}"
+        second = f"{input}, {self._describe_signal('output', self.output_unit, self.y_range)}{self._describe_guesses()}"
         return "\n".join((first, second, *(f"Note: {remark}." for remark in self.remarks)))
 
 

@@ -50,8 +50,14 @@ def row(**known: object) -> Row:
         str(found[part]) for part in ("problem_set", "problem", "scaling", "solver", "lane", "setting", "start")
     ]
     us = found["update_us"] + found["solve_us_p50"]
-    derived = {"answer_us": us, "period_us": PERIOD_US, "periods": us / PERIOD_US}
-    return {**found, "task": "-".join(of_all_repeats), **derived, **known}
+    return {
+        **found,
+        "task": "-".join(of_all_repeats),
+        "answer_us": us,
+        "period_us": PERIOD_US,
+        "periods": us / PERIOD_US,
+        **known,
+    }
 
 
 def columns_at(index: int, columns: Row) -> Row:

@@ -21,8 +21,10 @@ def dense(matrix: np.ndarray | spmatrix) -> np.ndarray:
 
 
 def same(a: Problem, b: Problem) -> bool:
-    pairs = [(getattr(a, name), getattr(b, name)) for name in QP_FIELDS]
-    return all((x is None and y is None) or np.array_equal(dense(x), dense(y)) for x, y in pairs)
+    return all(
+        (x is None and y is None) or np.array_equal(dense(x), dense(y))
+        for x, y in ((getattr(a, name), getattr(b, name)) for name in QP_FIELDS)
+    )
 
 
 def same_problem(a: RaceProblem, b: RaceProblem) -> bool:

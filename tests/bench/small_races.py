@@ -146,8 +146,13 @@ def clean_race(tmp_path_factory: pytest.TempPathFactory) -> Race:
 def faulty_race(piezobench: CommandLine, tmp_path_factory: pytest.TempPathFactory) -> Race:
     """Two honest solvers among solvers with every fault, in a process whose output is all kept."""
     folder = tmp_path_factory.mktemp("faulty")
-    files = (word for path in faulty_solvers.write_all(folder) for word in ("--solver", path))
-    return race_of(folder, "faulty", *SMALL, *files, command=piezobench)
+    return race_of(
+        folder,
+        "faulty",
+        *SMALL,
+        *(word for path in faulty_solvers.write_all(folder) for word in ("--solver", path)),
+        command=piezobench,
+    )
 
 
 @pytest.fixture(scope="session")

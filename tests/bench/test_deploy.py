@@ -84,8 +84,10 @@ def run_of(
     (made.path / "machines").mkdir()
     (made.path / "machines" / f"{machine.key(here)}.json").write_text(json.dumps(here))
     both = [each for part in parts for each in part]
-    rows = pa.Table.from_pylist([{**one, "machine": machine.key(here)} for one, _ in both], ROWS)
-    parquet.write_table(rows, made.path / "rows.parquet")
+    parquet.write_table(
+        pa.Table.from_pylist([{**one, "machine": machine.key(here)} for one, _ in both], ROWS),
+        made.path / "rows.parquet",
+    )
     times = [
         {**{name: one.get(name) for name in TIMES.names[:4]}, "what": name, "ns": np.round(1e3 * ns).astype(np.int64)}
         for one, us in both
@@ -392,8 +394,10 @@ def test_a_problem_can_be_named(wide_race: Race) -> None:
 def test_what_is_deployed_learns_continuously_and_a_sentence_says_with_which_solver_where(
     tmp_path: Path, fastest: str, where: str
 ) -> None:
-    right = racer(fastest, ((1e-13,) * len(ladder_of(fastest)),) * 2)
-    decision = decide(run_of(tmp_path, nothing(), right), LENIENT)
+    decision = decide(
+        run_of(tmp_path, nothing(), racer(fastest, ((1e-13,) * len(ladder_of(fastest)),) * 2)),
+        LENIENT,
+    )
     assert f"The compensator learns continuously: {where}" in [text.replace("†", "") for text in decision.sentences()]
     loaded = saved_and_loaded(
         decision.deployment(model_for(decision.run, SelfLearningCompensator(STRUCTURE).model)), tmp_path

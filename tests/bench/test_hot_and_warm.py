@@ -342,8 +342,9 @@ def test_a_solver_is_late_if_its_bouts_are_more_frequent_than_those_of_the_machi
         row(solver=solver, timed="scheduled", due=3000, late=count, bouts=count, samples=3000)
         for solver, count in (("null", machine), ("daqp", bouts))
     )
-    ns = [np.full(3000, 5_000), np.full(3000, 1000 * us)]
-    times = rows[["task", "timed", "repeat"]].assign(what="response", ns=ns)
+    times = rows[["task", "timed", "repeat"]].assign(
+        what="response", ns=[np.full(3000, 5_000), np.full(3000, 1000 * us)]
+    )
     table = on_schedule(Measurements(rows, times))
     assert (table.set_index("solver").schedule.to_dict(), table["p99.9"].tolist()) == (
         {"null": FLOOR_LINE, "daqp": expected},

@@ -330,6 +330,11 @@ def test_steps_and_sweeps_determine_weak_and_strong_modes_the_residual_complianc
     assert model.report["fit"]["rms_percent"] < 0.3
 
 
+def test_a_mode_behind_a_delay_that_looks_like_residual_compliance_is_found() -> None:
+    model = identify(made("relay_preisach", "steps", ((3e3, 0.01, 1.0),), seed=32, size=SIZE // 2), n=5, m=3)
+    assert_mode(model.dynamics, 3000.0, 1e-3, 0.01, 0.1)
+
+
 @pytest.mark.sample(6)
 @pytest.mark.parametrize(
     ("kind", "drive", "noise_um"),  # every pair of two of them

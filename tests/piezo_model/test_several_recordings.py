@@ -99,6 +99,16 @@ def test_neither_the_level_of_the_sensor_nor_the_units_nor_the_order_change_the_
         assert other[name][0] == pytest.approx(same[name][0], rel=0.03)
 
 
+@pytest.mark.parametrize("order", [1, -1])
+def test_the_resonance_is_that_of_the_recording_that_shows_one_whatever_the_order_and_the_sampling_periods(
+    order: int,
+) -> None:
+    x = 50.0 - 50.0 * np.cos(np.pi * FAST * np.arange(12_000))
+    y = STAGE.at(0.5 * FAST).simulate(x, OperatorState.before_drive(STATIC))
+    smooth = Recording.from_arrays(x, y, 0.5 * FAST, input_unit="V", output_unit="um", name="smooth")
+    assert identify([smooth, recorded("fast")][::order]).dynamics.frequencies_Hz == pytest.approx((120.0,), rel=0.01)
+
+
 def test_recordings_that_contradict_each_other_are_refused(recordings: list[Recording]) -> None:
     slow, fast = recordings
     for change, error, sentence in (
