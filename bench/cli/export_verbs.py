@@ -134,7 +134,7 @@ def realtime_verb(
     as_json: AsJson = False,
 ) -> None:
     """Run the exported C on this machine with absolute deadlines and count those it misses."""
-    loaded, settings = _opened(model, no_dynamics, **loop)
+    loaded, settings = _opened(model, no_dynamics, rate=rate, **loop)
     result = realtime.real_time(loaded, settings, rate, seconds, priority, core)
     allowed, counts = result.allowed, result.histograms
     bounds = sorted({bound for count in counts.values() for bound in count})
@@ -186,9 +186,9 @@ def _opened(
     mode = mode or (deployed.mode if deployed else "continuous")
     if solver is None:
         solver = EXACT_SOLVER if mode == "continuous" else cast(LoopSolver, deployed.solver) if deployed else SOLVERS[0]
+    model = model if rate is None else model.at(1.0 / rate)
     if model.warning:
         errors.print(model.warning, soft_wrap=True)
-    model = model if rate is None else model.at(1.0 / rate)
     lowest, highest = deployed.x_limits if deployed else model.structure.x_range
     limits = (lowest if low is None else low, highest if high is None else high)
     chosen = {name: value for name, value in options.items() if value is not None}

@@ -62,8 +62,8 @@ def orders_tried(selection: Mapping[str, Any]) -> Table:
 
 
 def _loops(review: Review, input_unit: str, output_unit: str) -> Figure:
-    size = review.x.size - review.skipped
-    at = review.skipped + np.unique(np.linspace(0, size - 1, min(size, POINTS)).astype(int))
+    measured = np.where(np.isnan(review.y), review.y_model, review.y)
+    at = review.skipped + _extremes(measured[review.skipped :], POINTS)
     table = pd.concat(
         [
             pd.DataFrame({"sample": at, "x": review.x[at], "y": values[at], "name": what})
