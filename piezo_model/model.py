@@ -419,7 +419,7 @@ class HysteresisCreepModel(Immutable):
     def figures(self) -> dict[str, tuple[float, float | None, float | None]]:
         """Data-sheet figures by name: the value and the ends of its interval at 95 %, if there is one.
 
-        Gain in output unit per input unit, hysteresis in % of the loop, creep in % per decade of time, and offset in
+        Gain in output unit per input unit, hysteresis in % of the travel, creep in % per decade of time, and offset in
         the input unit; see :mod:`piezo_model.figures`.
 
         Examples

@@ -146,6 +146,7 @@ def identify_verb(
     lines = [
         selection["sentence"] if selection else "",
         model.report["headline"],
+        model.report["data_sheet"],
         model.report["drive"]["sentence"],
         *model.report["findings"],
         f"Model: {out}",

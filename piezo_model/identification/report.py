@@ -79,6 +79,7 @@ class FitReport:
             "hysteresis": self.hysteresis,
             **({} if self.selection is None else {"selection": self.selection.to_dict()}),
             "headline": headline,
+            "data_sheet": self._figures(s),
             "drive": {**own["drive"], "sentence": self._drive_sentence},
             "creep": self.evidence.to_dict(s.creep_rates, self.creep_chosen),
             **{"drift": None, "settling": None, self._trend_kind: self.trend},
@@ -199,7 +200,7 @@ class FitReport:
         """The data-sheet figures, with their intervals."""
         between = {} if self.intervals is None else self.intervals["figures"]
         gain = f"{s.output_unit or 'output'}/{s.input_unit or 'input'}".replace("um", "µm")
-        units = dict(zip(self.figures, (gain, "% of the loop", "% per decade", s.input_unit), strict=True))
+        units = dict(zip(self.figures, (gain, "% of the travel", "% per decade", s.input_unit), strict=True))
         figures = [
             f"{FIGURES[name]} {value:.3g}"
             + (f" ({between[name][0]:.3g} to {between[name][1]:.3g})" if name in between else "")

@@ -274,5 +274,8 @@ def _question(table: Table, missing: Sequence[str]) -> str:
 
 
 def _listed(table: Table) -> str:
-    names = [repr(name) + KINDS.get(column.kind, "") for name, column in zip(table.names, table.columns, strict=True)]
+    names = [
+        repr(name) + KINDS.get(column.kind, "") + f" of {column.rows} rows" * (column.rows != table.columns[0].rows)
+        for name, column in zip(table.names, table.columns, strict=True)
+    ]
     return ", ".join(names[:MOST_LISTED]) + f", and {len(names) - MOST_LISTED} more" * (len(names) > MOST_LISTED)

@@ -406,6 +406,11 @@ def test_a_file_that_was_read_can_be_written_again(tmp_path: Path) -> None:
             )
             for scale in ("scale_factor", "scale")
         ),
+        (
+            hdf5({"t": T, "u": X, "y": Y[: N // 2]}),
+            {},
+            f"which column is the output; its columns are 't', 'u', 'y' of {N // 2} rows; name it with --output",
+        ),
         *(
             (
                 lambda path, make=make: make(path, cube=np.zeros((4, 5, 6)), spectrum=X + 1j * Y),
@@ -438,7 +443,7 @@ def test_a_file_that_was_read_can_be_written_again(tmp_path: Path) -> None:
             for text in ('{\n "start": [\n  1.0,\n  2.0\n ]\n}\n', "[[0, 1, 2],\n[1, 2, 3],\n[2, 3, 5]]")
         ),
     ],
-    ids=range(16),
+    ids=range(17),
 )
 def test_a_file_without_columns_or_rows_of_numbers_is_refused_with_what_it_holds_or_what_is_read(
     tmp_path: Path, write: Callable[[Path], object], options: dict[str, str], sentence: str
