@@ -49,10 +49,10 @@ LATER, ONE_SLOPE, UNEQUAL, SURE, LARGE = 1.1, 0.35, 0.03, 3.0, 0.25
 """Of a slew limit: smallest ratio of the output's rise to the drive's; largest exponent c, and largest deviation of the
 slopes' logarithms; their smallest error, and smallest relative difference of the drive's steps; smallest distance of c
 from 1, in its standard errors; smallest size, a share of the largest: small edges are linear."""
-SHIFTS, BLOCKS, SEARCHED, SHIFTED, LOUD = 40, 16, 4000, 0.5, 2.0
+SHIFTS, BLOCKS, SEARCHED, SHIFTED, LOUD = 40, 16, 2000, 0.5, 2.0
 """Of lost rows: largest shift in samples, blocks, most samples that are searched, largest ratio of the squares with two
 shifts to those with one, and smallest ratio of the model's error to the noise."""
-RADII, KNOTS = np.arange(8) / 16.0, (0.2, 0.4, 0.6, 0.8)
+RADII, KNOTS = np.arange(6) / 12.0, (0.25, 0.5, 0.75)
 """Radii of the plays for lost rows, and where their functions bend."""
 GROUPS, UNEVEN, WHITE, CLEAR, LEAST_JITTER, MEDIAN = 12, 0.7, 0.25, 1.5, 0.03, 0.455
 """Of clock jitter: groups of samples of one speed; largest error of their logarithmic variances; largest mean of the
@@ -291,9 +291,10 @@ def quantum_of(v: Vector) -> float:
 
 
 def _squares(grams: np.ndarray) -> Vector:
-    """Squares (…) that a regression leaves, by the Gram matrices (…, p, p) of its columns and, last, of the output."""
+    """Squares (…) that a regression leaves, the last pivots of the Gram matrices (…, p, p) of its columns and, last, of
+    the output."""
     ridge = EXACT * np.trace(grams, axis1=-2, axis2=-1)[..., None, None] / grams.shape[-1]
-    return np.asarray(1.0 / np.linalg.inv(grams + ridge * np.eye(grams.shape[-1]))[..., -1, -1])
+    return np.asarray(np.linalg.cholesky(grams + ridge * np.eye(grams.shape[-1]))[..., -1, -1] ** 2)
 
 
 def _rises(u: Vector) -> Iterator[slice]:
