@@ -16,6 +16,8 @@ import pytest
 from solvers import Entry, Solver, describe, find
 
 ALL = bool(os.environ.get("PIEZOBENCH_ALL_TESTS"))
+COMMERCIAL = ("copt", "gurobi", "xpress")
+"""Libraries that end a process in which others of them have solved before: an illegal instruction."""
 PACKAGES = {
     "arm-none-eabi-gcc": "gcc-arm-none-eabi libnewlib-arm-none-eabi",
     "cc": "gcc",

@@ -184,20 +184,24 @@ def test_a_scan_is_compensated_after_a_declared_lag_without_lag_or_not_at_all(
 
 
 @pytest.mark.parametrize(
-    "words",
+    ("words", "written"),
     [
-        ("compensate", "--out", "x.csv"),
-        ("simulate", "--out", "x.csv"),
-        ("validate", "--input", "voltage_V", "--output", "reference_um", "--page", "x.html"),
+        (("compensate", "0.json", "slow.csv", "--out", "x.csv"), "x.csv"),
+        (("simulate", "0.json", "slow.csv", "--out", "x.csv"), "x.csv"),
+        (
+            ("validate", "0.json", "slow.csv", "--input", "voltage_V", "--output", "reference_um", "--page", "x.html"),
+            "x.html",
+        ),
+        (("export-c", "0.json", "c", "--rate", 1000), "c/README.md"),
     ],
-    ids=lambda words: words[0],
+    ids=str,
 )
-def test_a_mode_too_fast_for_the_sampling_rate_of_a_file_is_its_static_gain_with_a_warning(
-    piezobench: CommandLine, ringing: Path, tmp_path: Path, words: tuple[str, ...]
+def test_a_mode_too_fast_for_the_sampling_rate_of_a_file_or_a_controller_is_its_static_gain_with_a_warning(
+    piezobench: CommandLine, ringing: Path, tmp_path: Path, words: tuple[object, ...], written: str
 ) -> None:
-    call = piezobench(words[0], ringing / "0.json", ringing / "slow.csv", *words[1:], folder=tmp_path)
+    call = piezobench(*(ringing / word if word in ("0.json", "slow.csv") else word for word in words), folder=tmp_path)
     assert FASTEST in " ".join((call.stdout + call.stderr).split())
-    assert FASTEST in (tmp_path / words[-1]).read_text(encoding="utf-8")
+    assert FASTEST in " ".join((tmp_path / written).read_text(encoding="utf-8").split())
 
 
 @pytest.mark.parametrize("left_out", [False, True])

@@ -54,10 +54,13 @@ def test_the_page_draws_every_plot_of_the_recording_and_shows_names_as_text(brow
     assert {"loops", "error", "weights", "spectrum"} <= {*browser.sections(desk / "stage page.html")}
     assert (len(browser.plots()), browser.run("return document.title")) == (5, "Recording <u>stage.csv")
     assert browser.run("return document.querySelectorAll('main img, main u, main b').length") == 0
-    links = browser.run("return [...document.querySelectorAll('.note a')].map(a => a.getAttribute('href'))")
-    assert all((desk / link.replace("%20", " ")).is_file() for link in links)
+    assert all(
+        (desk / link.replace("%20", " ")).is_file()
+        for link in browser.run("return [...document.querySelectorAll('.note a')].map(a => a.getAttribute('href'))")
+    )
     loops = pd.read_csv(desk / "stage page-figures" / "loops.csv").query("name == 'measured'")
     assert loops.x.to_numpy() == pytest.approx(signals()[0][loops["sample"]], abs=1e-6)
+    assert (loops.y.min(), loops.y.max()) == pytest.approx((signals()[1].min(), signals()[1].max()), abs=1e-6)
 
 
 def test_what_the_drive_determines_the_orders_and_the_weights_with_intervals_are_those_of_the_model(

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from box_programs import INF, random_program, set_up
 from command_line import python
-from programs import ALL, solver_class
+from programs import ALL, COMMERCIAL, solver_class
 
 import solvers
 from solvers import Entry, Lane, Problem, Solver, Unsupported, arrays, available, checks, entries, registry, rows
@@ -34,8 +34,6 @@ DEFAULT_RACE = {
 PROBLEM = Problem(np.diag([1.0, 2.0]), np.array([-1.0, 2.0]), lb=np.zeros(2))
 COMPILED = (*OURS.split(), "daqp", "quadprog")
 """Solvers that release the interpreter's lock while they work on a large program."""
-COMMERCIAL = ("copt", "gurobi", "xpress")
-"""Libraries that end a process in which others of them have solved before: an illegal instruction."""
 COPIES: dict[str, Callable[[object], object]] = {"copy": copy.copy, "deepcopy": copy.deepcopy, "pickle": pickle.dumps}
 P, LB = np.array([[3.0, 1.0, 0.5], [1.0, 2.0, 0.3], [0.5, 0.3, 1.0]]), np.zeros(3)
 ANSWERS = np.array([[1.0, 0.0, 2.0], [0.0, 1.0, 1.0]])
@@ -292,7 +290,7 @@ def refuse_copies(solver: solvers.Solver) -> None:
             way(solver)
 
 
-def test_the_default_race_is_of_these_solvers_and_lanes() -> None:
+def test_the_default_race_is_of_these_solvers_and_lanes_and_ours_are_those_of_this_package() -> None:
     project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
     extras = project["optional-dependencies"]
     of_make = ["piezobench", *project["dependencies"], *extras["field"], *extras["copyleft"]]

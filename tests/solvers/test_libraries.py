@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from answered_pairs import FORMS, arrays, asking, pair, strided_and_locked
 from command_line import python
-from programs import solver_class
+from programs import COMMERCIAL, solver_class
 from scipy.sparse import csc_matrix, csr_matrix, issparse
 
 import solvers
@@ -364,7 +364,7 @@ def test_a_setting_that_a_library_does_not_have_is_refused(lane: Lane, name: str
 
 def test_every_library_with_a_file_of_its_own_is_tested_here() -> None:
     own = {entry.name for entry in solvers.entries() if entry.lane is Lane.DIRECT and not entry.path}
-    assert own - OURS - {"copt", "gurobi", "xpress"} == {*DIRECT}
+    assert own - OURS - {*COMMERCIAL} == {*DIRECT}
 
 
 def test_the_time_limit_of_highspy_counts_from_each_solve() -> None:
