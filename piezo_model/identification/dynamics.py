@@ -104,6 +104,11 @@ class StaticView:
     lag: Lag | None = None
     """The lag of a recording without a mode; None if the drive does not move the output."""
 
+    @property
+    def has_modes(self) -> bool:
+        """True if the dynamics are more than a lag."""
+        return self.dynamics is not None and bool(self.dynamics.frequencies_Hz)
+
 
 def separate(
     recording: Recording,
@@ -145,6 +150,7 @@ def _with_modes(
     peak, (lowest, highest) = spectra.peak(), band_of(head)
     if not peak.is_plausible or (peak.damping > LIGHTLY_DAMPED and peak.frequency_Hz > highest) or lowest * T > ALIASED:
         return None, None
+    delay = Parameters(Dynamics((), (), (), DELAY * T), T, free=True)
     # A delay of more than a sample looks like residual compliance, so a mode that is evident may be whole in any case.
     for share in dict.fromkeys(
         [1.0 if peak.share > WHOLE else max(peak.share, SMALLEST_GAIN), *[1.0] * (peak.gain > EVIDENT)]
@@ -152,10 +158,11 @@ def _with_modes(
         begin = Dynamics((peak.frequency_Hz,), (peak.damping,), (share,), DELAY * T)
         initial = prepare(_through_inverse(recording, begin))
         trials = DynamicsTrials.of(head, initial, qp_solver)
-        s, delay = trials.structure, Parameters(Dynamics((), (), (), DELAY * T), T, free=True)
         # the inverse of a mode that is none spoils the first fit, so that of the output itself is a start too
-        states = [state_on(plain.fit.structure, state, s) for state in plain.fit.states]
-        v = s.inverse_slope_map @ qp_solver.optimum(accumulate(head, trials.counted, s, states, qp_solver))
+        states = [state_on(plain.fit.structure, state, trials.structure) for state in plain.fit.states]
+        v = trials.structure.inverse_slope_map @ qp_solver.optimum(
+            accumulate(head, trials.counted, trials.structure, states, qp_solver)
+        )
         starts = trials, replace(trials, states=states, v=v)
         none = min((start.fit(delay) for start in starts), key=lambda fit: fit.cost)
         best, rest = trials.best(none, Parameters(begin, T, free=True, residual=share < 1.0), spectra)

@@ -207,7 +207,7 @@ def lost_rows(s: Signals) -> str | None:
         return None
     at = np.arange(SHIFTS, s.u.size - SHIFTS, 1 + s.u.size // SEARCHED)
     plays = play(s.u, RADII, np.full(RADII.size, s.u[0]))[0]
-    known = np.column_stack([s.u**0, np.gradient(s.u), plays, *(np.maximum(plays - z, 0.0) for z in KNOTS)])
+    known = np.column_stack([np.ones_like(s.u), np.gradient(s.u), plays, *(np.maximum(plays - z, 0.0) for z in KNOTS)])
     rows = (np.column_stack([known[at + shift], s.v[at]]) for shift in range(-SHIFTS, SHIFTS + 1))
     grams = np.array([[block.T @ block for block in np.array_split(shifted, BLOCKS)] for shifted in rows])
     whole, until = grams.sum(axis=1), np.cumsum(grams, axis=1)[:, :-1]

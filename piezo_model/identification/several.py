@@ -15,6 +15,7 @@ over common weights, and a level c_i and states before the first sample of each 
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -148,12 +149,12 @@ def joint_start(
 
     IdentificationError if the output rises with the input in one recording and falls in another.
     """
-    views = list[tuple[Recording, StaticView]]()
-    for recording in sorted(recordings, key=lambda recording: recording.sample_time):
-        views.append((recording, static_view(recording, at_period(first, None, recording.sample_time)[0])))
-        if (g := views[-1][1].dynamics) and g.frequencies_Hz:
-            break
-    shown_by, source = views[-1] if g and g.frequencies_Hz else views[0]
+    views = (
+        (recording, static_view(recording, at_period(first, None, recording.sample_time)[0]))
+        for recording in sorted(recordings, key=lambda recording: recording.sample_time)
+    )
+    fastest = next(views)
+    shown_by, source = next((view for view in chain([fastest], views) if view[1].has_modes), fastest)
 
     def fit_single(recording: Recording) -> SingleFit:
         s, known = at_period(first, source.dynamics, recording.sample_time)
